@@ -1,0 +1,35 @@
+"""The one way in which reading a drawing fails."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+class DrawingError(ValueError):
+    """A drawing, study or table cannot be used; every problem found is listed, not only the first.
+
+    problems: sentences, each naming the part, the number and the remedy.
+    source: the file (or other origin) that was being read.
+    """
+
+    def __init__(self, problems: str | Sequence[str], source: str = ""):
+        self.problems: tuple[str, ...] = (problems,) if isinstance(problems, str) else tuple(problems)
+        self.source = source
+        super().__init__(self._sentence())
+
+    def _sentence(self) -> str:
+        origin = f"{self.source}: " if self.source else ""
+        if len(self.problems) == 1:
+            return origin + self.problems[0]
+        listed = "\n".join(f"  - {problem}" for problem in self.problems)
+        return f"{origin}{len(self.problems)} problems\n{listed}"
+
+
+def known(ids: Iterable[str]) -> str:
+    """Close an error sentence with the names that would have worked."""
+    names = sorted(ids)
+    if not names:
+        return "None is declared."
+    shown = ", ".join(f'"{name}"' for name in names[:12])
+    rest = f" and {len(names) - 12} more" if len(names) > 12 else ""
+    return f"Known: {shown}{rest}."

@@ -1,0 +1,149 @@
+"""A physical effect that stands in the drawing, and the check against the vocabulary of kinds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator
+
+from backend.mechanism.drawing_error import known
+from backend.mechanism.kinds import EffectKind, ParameterSpec, effect_kinds
+from backend.mechanism.part import Id, Part
+
+
+def _places(on: Any) -> Any:
+    if on == "all":
+        return on
+    if (
+        not isinstance(on, list | tuple)
+        or not on
+        or not all(isinstance(place, str) and place for place in on)
+    ):
+        raise ValueError(f'on is {on!r}; write "all", or a list of ids such as ["j1"]')
+    if len(set(on)) < len(on):
+        raise ValueError(f"on names a part twice ({', '.join(on)}); name each once")
+    return tuple(on)
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, str):
+        return value
+    numbers = value if isinstance(value, list | tuple) else [value]
+    if not all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers):
+        raise ValueError(f"is {value!r}; write a number or a list of numbers")
+    try:
+        numbers = tuple(map(float, numbers))
+    except OverflowError:
+        raise ValueError(f"has {len(str(value))} digits; write a number below 1e308") from None
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"is {value!r}; every number must be finite")
+    return numbers if isinstance(value, list | tuple) else numbers[0]
+
+
+Places = Annotated[tuple[str, ...] | Literal["all"], BeforeValidator(_places)]
+ParameterValue = Annotated[float | tuple[float, ...] | str, BeforeValidator(_value)]
+
+
+class Effect(Part):
+    """An effect that the baseline model already includes.
+
+    on: ids of joints, bodies, markers or effects, ["world"], ["camera"], or "all" that the kind applies to.
+    parameters: by name, in the unit spelled in the name; what is left out keeps the kind's default.
+    """
+
+    id: Id
+    kind: Id
+    on: Places
+    parameters: dict[str, ParameterValue] = {}
+
+
+def kind_named(kind: str) -> EffectKind:
+    """The declared kind; ValueError with a remedy when there is none of that name."""
+    if kind == "gravity":
+        raise ValueError(
+            'kind "gravity" is not an effect in the file; set the field gravity_m_per_s2 of the mechanism'
+        )
+    kinds = effect_kinds()
+    if kind not in kinds:
+        raise ValueError(f'kind "{kind}" is unknown. {known(kinds)}')
+    return kinds[kind]
+
+
+def value_fault(spec: ParameterSpec, value: float | tuple[float, ...] | str) -> str | None:
+    """Why `value` cannot be this parameter: wrong size or outside its bounds; None when it can."""
+    if isinstance(value, str):
+        return f'{spec.name} is "{value}"; write a number in {spec.unit}'
+    numbers = value if isinstance(value, tuple) else (value,)
+    if isinstance(value, tuple) != (spec.size > 1) or len(numbers) != spec.size:
+        found = f"a list of {len(numbers)}" if isinstance(value, tuple) else "one number"
+        wanted = f"a list of {spec.size} numbers" if spec.size > 1 else "one number"
+        return f"{spec.name} is {found}; write {wanted} in {spec.unit}"
+    for number in numbers:
+        if spec.lower is not None and number < spec.lower:
+            return f"{spec.name} is {number:g} {spec.unit}, below its lower bound {spec.lower:g}; raise it"
+        if spec.upper is not None and number > spec.upper:
+            return f"{spec.name} is {number:g} {spec.unit}, above its upper bound {spec.upper:g}; lower it"
+    return None
+
+
+def parameter_faults(
+    kind: EffectKind, parameters: Mapping[str, Any], joints: Mapping[str, str] | None, every: bool = False
+) -> list[str]:
+    """What is wrong with the parameters of an effect.
+
+    joints: id -> type of the joints it stands at, None when the kind does not act at joints.
+    every: "on" was "all", so that a joint to which no parameter applies is passed over.
+    """
+    faults = []
+    specs: list[ParameterSpec] = []
+    for name, value in parameters.items():
+        spec = kind.parameters.get(name)
+        if spec is None:
+            faults.append(f'parameter "{name}" is unknown to {kind.name}. {known(kind.parameters)}')
+            continue
+        specs.append(spec)
+        if fault := value_fault(spec, value):
+            faults.append(fault)
+    if joints:
+        faults += _joint_type_faults(kind, specs, joints, every)
+    return faults
+
+
+def _joint_type_faults(
+    kind: EffectKind, given: list[ParameterSpec], joints: Mapping[str, str], every: bool
+) -> list[str]:
+    faults = []
+    for spec in given:
+        if not any(spec.suits(joint_type) for joint_type in joints.values()):
+            joint_id, joint_type = next(iter(joints.items()))
+            others = [other.name for other in kind.parameters.values() if other.suits(joint_type)]
+            remedy = f"use {' or '.join(others)}" if others else f"{kind.name} does not act there: remove it"
+            faults.append(f'{spec.name} does not suit joint "{joint_id}", which is {joint_type}; {remedy}')
+    if faults or every:
+        return faults
+    bound = [spec for spec in given if spec.joint_types is not None]
+    for joint_id, joint_type in joints.items():
+        if not any(spec.suits(joint_type) for spec in kind.parameters.values()):
+            where = kind.joint_types()
+            faults.append(
+                f'{kind.name} does not act at joint "{joint_id}", which is {joint_type}; it acts at {where}'
+            )
+        elif bound and not any(spec.suits(joint_type) for spec in given):
+            name = bound[0].name
+            others = [spec.name for spec in kind.parameters.values() if spec.suits(joint_type)]
+            faults.append(
+                f'{name} does not suit joint "{joint_id}", which is {joint_type}; give it an effect of its own '
+                f"with {' or '.join(others)}"
+            )
+    return faults
+
+
+def missing_parameters(kind: EffectKind, parameters: Mapping[str, Any]) -> list[str]:
+    """Sentences about parameters without a default that were not given."""
+    return [
+        f"{spec.name} is missing ({spec.doc}); give it in {spec.unit}"
+        for spec in kind.parameters.values()
+        if spec.default is None and spec.name not in parameters
+    ]

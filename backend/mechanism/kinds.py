@@ -1,0 +1,78 @@
+"""The vocabulary of effects: which kinds there are, where they act, and what their parameters may be.
+
+`effect_kinds.json` is generated from the effects' own declarations; `reserved_kinds.json` holds the kinds of the
+file format that cannot be simulated yet. Both are data, so that reading a drawing needs no numerical library.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """One declared parameter: unit, default, bounds (None is open), number of entries, meaning.
+
+    joint_types: the joint types where the name is the right one; None when every type will do.
+    """
+
+    name: str
+    unit: str
+    default: float | tuple[float, ...] | None
+    lower: float | None
+    upper: float | None
+    size: int
+    doc: str
+    joint_types: tuple[str, ...] | None
+
+    def suits(self, joint_type: str) -> bool:
+        """Whether this parameter means something at a joint of that type."""
+        return self.joint_types is None or joint_type in self.joint_types
+
+
+@dataclass(frozen=True)
+class EffectKind:
+    """A kind of effect. acts_on: joint, body, bodies, effect, marker, world or camera."""
+
+    name: str
+    acts_on: str
+    doc: str
+    simulated: bool
+    parameters: dict[str, ParameterSpec]
+
+    def joint_types(self) -> str:
+        """The joint types it acts at, as words."""
+        types = {name for spec in self.parameters.values() for name in spec.joint_types or ("every",)}
+        return ", ".join(sorted(types)) + " joints"
+
+
+def _parameter(name: str, spec: dict[str, Any]) -> ParameterSpec:
+    default, joint_types = spec.get("default"), spec.get("joint_types")
+    return ParameterSpec(
+        name=name,
+        unit=spec.get("unit") or "1",
+        default=tuple(default) if isinstance(default, list) else default,
+        lower=spec.get("lower"),
+        upper=spec.get("upper"),
+        size=spec.get("size") or 1,
+        doc=spec.get("doc", ""),
+        joint_types=tuple(joint_types) if joint_types else None,
+    )
+
+
+@cache
+def effect_kinds() -> dict[str, EffectKind]:
+    """All kinds by name; a kind that can be simulated takes precedence over its reserved entry."""
+    folder = resources.files("backend.mechanism")
+    kinds: dict[str, EffectKind] = {}
+    for file in ("reserved_kinds.json", "effect_kinds.json"):
+        for name, entry in json.loads((folder / file).read_text("utf-8")).items():
+            parameters = {key: _parameter(key, spec) for key, spec in entry["parameters"].items()}
+            kinds[name] = EffectKind(
+                name, entry["acts_on"], entry.get("doc", ""), entry.get("simulated", True), parameters
+            )
+    return dict(sorted(kinds.items()))

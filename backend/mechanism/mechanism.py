@@ -1,0 +1,150 @@
+"""What was drawn: bodies, the joints between them, the effects already known, and the points to be filmed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import Field, model_validator
+
+from backend.mechanism.body import Body
+from backend.mechanism.drawing_error import DrawingError, known
+from backend.mechanism.effect import Effect, kind_named, missing_parameters, parameter_faults
+from backend.mechanism.joint import Joint
+from backend.mechanism.kinds import EffectKind
+from backend.mechanism.marker import Marker
+from backend.mechanism.part import Part, Vector3
+
+Named = TypeVar("Named", Body, Joint, Effect, Marker)
+
+
+class Provenance(Part):
+    """Where a drawing comes from, and what its exporter had to say about it."""
+
+    tool: str = ""
+    tool_version: str = ""
+    exporter: str = ""
+    exporter_version: str = ""
+    created: str = ""
+    warnings: Annotated[tuple[str, ...], Field(strict=False)] = ()
+
+
+class Mechanism(Part):
+    """A drawing; see docs/mechanism.md for its frames and units.
+
+    Joints form a flat list, so closed loops need no parent and no child. Construction checks the whole and raises
+    ValueError (DrawingError when read from a file) with every dangling id, duplicate and unsuitable parameter.
+    """
+
+    schema_version: Literal["1.0"] = "1.0"
+    name: str = "mechanism"
+    gravity_m_per_s2: Vector3 = (0.0, 0.0, -9.80665)
+    provenance: Provenance | None = None
+    bodies: Annotated[tuple[Body, ...], Field(strict=False)]
+    joints: Annotated[tuple[Joint, ...], Field(strict=False)] = ()
+    effects: Annotated[tuple[Effect, ...], Field(strict=False)] = ()
+    markers: Annotated[tuple[Marker, ...], Field(strict=False)] = ()
+
+    def body(self, id: str) -> Body:
+        """The body of that id; DrawingError listing the known ids otherwise."""
+        return _find(self.bodies, id, "body")
+
+    def joint(self, id: str) -> Joint:
+        """The joint of that id; DrawingError listing the known ids otherwise."""
+        return _find(self.joints, id, "joint")
+
+    def effect(self, id: str) -> Effect:
+        """The effect of that id; DrawingError listing the known ids otherwise."""
+        return _find(self.effects, id, "effect")
+
+    def marker(self, id: str) -> Marker:
+        """The marker of that id; DrawingError listing the known ids otherwise."""
+        return _find(self.markers, id, "marker")
+
+    def moving_bodies(self) -> tuple[Body, ...]:
+        """The bodies that can move, in drawn order."""
+        return tuple(body for body in self.bodies if not body.fixed)
+
+    @model_validator(mode="after")
+    def _hangs_together(self) -> Mechanism:
+        if problems := list(_problems(self)):
+            raise DrawingError(problems)
+        return self
+
+
+def _find(parts: Sequence[Named], id: str, what: str) -> Named:
+    for part in parts:
+        if part.id == id:
+            return part
+    raise DrawingError(f'there is no {what} "{id}". {known(part.id for part in parts)}')
+
+
+def _problems(mechanism: Mechanism) -> Iterator[str]:
+    parts = {
+        "body": mechanism.bodies,
+        "joint": mechanism.joints,
+        "effect": mechanism.effects,
+        "marker": mechanism.markers,
+    }
+    for what, group in parts.items():
+        for id, count in Counter(part.id for part in group).items():
+            if count > 1:
+                yield f'{what} "{id}" stands {count} times in the file; ids are unique: rename all but one'
+    if not any(body.fixed for body in mechanism.bodies):
+        yield (
+            f"no fixed body among the {len(mechanism.bodies)} bodies; "
+            "declare the part that stands still as fixed, or add a ground"
+        )
+    bodies = [body.id for body in mechanism.bodies]
+    for joint in mechanism.joints:
+        for side, body in (("body_a", joint.body_a), ("body_b", joint.body_b)):
+            if body not in bodies:
+                yield f'joint "{joint.id}": {side} "{body}" is not a body. {known(bodies)}'
+        if joint.body_a == joint.body_b:
+            yield f'joint "{joint.id}": connects body "{joint.body_a}" to itself; a joint needs two bodies'
+    for marker in mechanism.markers:
+        if marker.body not in bodies:
+            yield f'marker "{marker.id}": body "{marker.body}" is not a body. {known(bodies)}'
+    for effect in mechanism.effects:
+        for fault in effect_faults(mechanism, effect):
+            yield f'effect "{effect.id}": {fault}'
+
+
+def effect_faults(mechanism: Mechanism, effect: Effect) -> list[str]:
+    """What is wrong with an effect in this mechanism: its kind, where it stands, its parameters."""
+    try:
+        kind = kind_named(effect.kind)
+    except ValueError as error:
+        return [str(error)]
+    faults = place_faults(mechanism, kind, effect.on)
+    joints = None
+    if kind.acts_on == "joint":
+        named = effect.on == "all"
+        joints = {joint.id: joint.type for joint in mechanism.joints if named or joint.id in effect.on}
+    faults += parameter_faults(kind, effect.parameters, joints, every=effect.on == "all")
+    return faults + missing_parameters(kind, effect.parameters)
+
+
+def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> list[str]:
+    """Why a kind cannot stand at `on` (ids, or the word "all")."""
+    acts_on = kind.acts_on
+    if acts_on in ("world", "camera"):
+        markers = {marker.id for marker in mechanism.markers}
+        if on == (acts_on,) or (acts_on == "camera" and on != "all" and markers.issuperset(on)):
+            return []
+        return [f'on is {on!r}, but {kind.name} acts on the {acts_on}; write "on": ["{acts_on}"]']
+    part = {"bodies": "body"}.get(acts_on, acts_on)
+    groups = {
+        "body": mechanism.bodies,
+        "joint": mechanism.joints,
+        "marker": mechanism.markers,
+        "effect": mechanism.effects,
+    }
+    ids = [member.id for member in groups[part]]
+    if on == "all":
+        return [] if ids else [f'stands on "all", but no {part} is drawn; draw one, or remove the effect']
+    faults = [f'on names "{id}", which is not a {part}. {known(ids)}' for id in on if id not in ids]
+    if acts_on == "bodies" and len(on) > 2:
+        faults.append(f"on names {len(on)} bodies; name one, or two of which the second takes the reaction")
+    return faults

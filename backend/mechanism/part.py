@@ -1,0 +1,32 @@
+"""What all parts of a drawing share: strict, frozen, finite, and no field that the version does not know."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+
+class Part(BaseModel):
+    """Base of everything that crosses the file boundary.
+
+    Numbers are numbers (neither text nor true/false), finite, and never rounded.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def _named(value: str) -> str:
+    if not value.strip():
+        raise ValueError("is empty; give it a name of at least one visible character")
+    if value != value.strip() or not value.isprintable():
+        raise ValueError(
+            f"{value!r} has a space at its end or a control character; remove it, "
+            "so that the name can be typed and compared"
+        )
+    return value
+
+
+# JSON has arrays only, so a list may stand for a tuple; the numbers inside stay strict.
+Id = Annotated[str, AfterValidator(_named)]
+Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]

@@ -1,0 +1,144 @@
+"""A mechanism and its experiments: the study file, and the study with its tables loaded."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from backend.mechanism.drawing_error import DrawingError, known
+from backend.mechanism.effect import ParameterValue, Places, kind_named, parameter_faults
+from backend.mechanism.mechanism import Mechanism, place_faults
+from backend.mechanism.part import Id, Part
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Use = Literal["fit", "held_out"]
+
+
+class Release(Part):
+    """When the mechanism is let go [s]; samples before are static frames.
+
+    at_rest: false when it starts in motion; its state then comes from the first `window_s`.
+    """
+
+    time_s: float
+    at_rest: bool = True
+    window_s: Annotated[float, Field(gt=0.0)] = 0.3
+
+
+class ExperimentFile(Part):
+    """One experiment as the study file states it; table paths are relative to that file."""
+
+    id: Id
+    use: Use = "fit"
+    tracks: Id | None = None
+    joint_positions: Id | None = None
+    inputs: Id | None = None
+    joint_efforts: Id | None = None
+    video: Id | None = None
+    release: Release
+    overrides: dict[str, dict[str, ParameterValue]] = {}
+
+
+class Tolerance(Part):
+    """Prior standard deviation of something drawn: known looseness, a finding only when exceeded."""
+
+    kind: Id
+    on: Places
+    sd: Annotated[float, Field(gt=0.0)]
+
+
+class StudyFile(Part):
+    """study.json, word for word."""
+
+    schema_version: Literal["1.0"] = "1.0"
+    mechanism: Id
+    experiments: Annotated[tuple[ExperimentFile, ...], Field(strict=False, min_length=1)]
+    tolerances: Annotated[tuple[Tolerance, ...], Field(strict=False)] = ()
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment with its tables loaded; a table that was not recorded is None.
+
+    tracks: time_s, marker, x_m, y_m, z_m, sigma_m and what else the tracker wrote (world frame; NaN: not measured).
+    joint_positions: time_s, joint, q, sigma [rad or m].
+    inputs: time_s, effect, parameter, value, held until the next row of the same effect and parameter.
+    joint_efforts: time_s, joint, effort, sigma [N m or N].
+    overrides: effect id -> parameters that differ from the drawing in this experiment.
+    """
+
+    id: str
+    use: Use
+    release: Release
+    tracks: pd.DataFrame | None = None
+    joint_positions: pd.DataFrame | None = None
+    inputs: pd.DataFrame | None = None
+    joint_efforts: pd.DataFrame | None = None
+    video: Path | None = None
+    overrides: dict[str, dict[str, ParameterValue]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A mechanism, its experiments with their tables, and the tolerances of the drawing."""
+
+    mechanism: Mechanism
+    experiments: tuple[Experiment, ...]
+    tolerances: tuple[Tolerance, ...] = ()
+    source: Path | None = None
+
+    @property
+    def fit(self) -> tuple[Experiment, ...]:
+        """The experiments that parameters may be fitted to."""
+        return tuple(experiment for experiment in self.experiments if experiment.use == "fit")
+
+    @property
+    def held_out(self) -> tuple[Experiment, ...]:
+        """The experiments that only test the fit."""
+        return tuple(experiment for experiment in self.experiments if experiment.use == "held_out")
+
+    def experiment(self, id: str) -> Experiment:
+        """The experiment of that id; DrawingError listing the known ids otherwise."""
+        for experiment in self.experiments:
+            if experiment.id == id:
+                return experiment
+        raise DrawingError(f'there is no experiment "{id}". {known(e.id for e in self.experiments)}')
+
+
+def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
+    """What the study file says about parts that the mechanism does not have, or says twice."""
+    for id, count in Counter(experiment.id for experiment in study.experiments).items():
+        if count > 1:
+            yield f'experiment "{id}" stands {count} times in the file; ids are unique: rename all but one'
+    for experiment in study.experiments:
+        where = f'experiment "{experiment.id}"'
+        if not (
+            experiment.tracks or experiment.joint_positions or experiment.joint_efforts or experiment.video
+        ):
+            yield f"{where} has 0 tables of measurements; name its tracks, joint_positions or joint_efforts"
+        for id, parameters in experiment.overrides.items():
+            ids = [effect.id for effect in mechanism.effects]
+            if id not in ids:
+                yield f'{where}: overrides name effect "{id}", which is not drawn. {known(ids)}'
+                continue
+            effect = mechanism.effect(id)
+            joints = {joint.id: joint.type for joint in mechanism.joints if joint.id in effect.on}
+            every = effect.on == "all"
+            for fault in parameter_faults(kind_named(effect.kind), parameters, joints, every):
+                yield f'{where}: override of effect "{id}": {fault}'
+    for index, tolerance in enumerate(study.tolerances, start=1):
+        where = f'tolerance {index} ("{tolerance.kind}")'
+        try:
+            kind = kind_named(tolerance.kind)
+        except ValueError as error:
+            yield f"{where}: {error}"
+            continue
+        for fault in place_faults(mechanism, kind, tolerance.on):
+            yield f"{where}: {fault}"

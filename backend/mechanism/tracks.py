@@ -1,0 +1,247 @@
+"""Tables of an experiment: what was seen, measured and driven."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from backend.mechanism.drawing_error import DrawingError, known
+from backend.mechanism.effect import kind_named
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from backend.mechanism.mechanism import Mechanism
+
+STATUSES = ("ok", "observed", "occluded", "predicted", "outlier")
+SHOWN = 5  # faults listed of one kind; a column of text would otherwise fill the screen
+
+
+@dataclass(frozen=True)
+class TableFormat:
+    """Columns of one kind of table. keys: whose time runs forward. sigma: where the noise stands, may be left out."""
+
+    keys: tuple[str, ...]
+    text: tuple[str, ...]
+    numbers: tuple[str, ...]
+    finite: tuple[str, ...]
+    sigma: str | None = None
+    extra: tuple[str, ...] = ()
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Columns that must stand in the header."""
+        return tuple(name for name in (*self.text, *self.numbers) if name not in (self.sigma, *self.extra))
+
+
+TABLES = {
+    "tracks": TableFormat(
+        keys=("marker",),
+        text=("marker", "status"),
+        numbers=(
+            *("time_s", "x_m", "y_m", "z_m", "sigma_m"),
+            *("frame", "x_px", "y_px", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2"),
+        ),
+        finite=("time_s",),
+        sigma="sigma_m",
+        extra=("frame", "x_px", "y_px", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2", "status"),
+    ),
+    "joint_positions": TableFormat(("joint",), ("joint",), ("time_s", "q", "sigma"), ("time_s",), "sigma"),
+    "inputs": TableFormat(
+        ("effect", "parameter"), ("effect", "parameter"), ("time_s", "value"), ("time_s", "value")
+    ),
+    "joint_efforts": TableFormat(("joint",), ("joint",), ("time_s", "effort", "sigma"), ("time_s",), "sigma"),
+}
+
+
+def read_table(name: str, path: Path, mechanism: Mechanism) -> pd.DataFrame:
+    """One table of an experiment, from CSV or Parquet by suffix, checked against the drawing.
+
+    name: a key of TABLES. Rows keep the file's order; an empty number is NaN: not measured, or sigma to be
+    estimated. Raises DrawingError naming file, row (the header is row 1) and remedy.
+    """
+    columns = _parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _csv(path)
+    form = TABLES[name]
+    problems = list(_header_faults(form, list(columns)))
+    if not problems and not len(next(iter(columns.values()))):
+        problems = ["has a header but no rows; record at least one sample"]
+    if problems:
+        raise DrawingError(problems, str(path))
+    table: dict[str, np.ndarray] = {}
+    for column, cells in columns.items():
+        if column in form.numbers:
+            table[column], faults = _numbers(cells, column, column in form.finite)
+            problems += _few(faults)
+        else:
+            table[column] = np.asarray(cells, dtype=object)
+    if form.sigma is not None and form.sigma not in table:
+        table[form.sigma] = np.full(len(table["time_s"]), np.nan)
+    if not problems:
+        for check in (_names, _status, _sigma, _order):
+            problems += _few(list(check(form, table, mechanism)))
+    if problems:
+        raise DrawingError(problems, str(path))
+    return _frame(table)
+
+
+def _frame(table: dict[str, np.ndarray]) -> pd.DataFrame:
+    import pandas as pd  # costs half a second, and reading a drawing does not need it
+
+    return pd.DataFrame(table)
+
+
+def _csv(path: Path) -> dict[str, Any]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(csv.reader(file, strict=True))
+    except (OSError, UnicodeError, csv.Error, ValueError) as error:
+        raise DrawingError(
+            f"cannot be read as CSV ({error}); check the path and the file", str(path)
+        ) from None
+    if not rows or not any(rows[0]):
+        raise DrawingError("is empty; the first row names the columns", str(path))
+    header = [cell.strip() for cell in rows[0]]
+    while rows and not rows[-1]:
+        rows.pop()
+    wrong = [(number, row) for number, row in enumerate(rows[1:], start=2) if len(row) != len(header)]
+    if wrong:
+        number, row = wrong[0]
+        if number == len(rows):
+            remedy = "the file was cut off: copy it again, or delete that row"
+        else:
+            remedy = "a row is a list of values separated by commas; correct it"
+        count = f" ({len(wrong)} rows like this)" if len(wrong) > 1 else ""
+        problem = f"row {number} has {len(row)} values, the header names {len(header)}{count}; {remedy}"
+        raise DrawingError(problem, str(path))
+    if len(set(header)) < len(header):
+        twice = sorted({name for name in header if header.count(name) > 1})
+        raise DrawingError(f"column {', '.join(twice)} stands twice in the header; keep one", str(path))
+    cells = list(zip(*rows[1:], strict=True)) or [()] * len(header)
+    return dict(zip(header, cells, strict=True))
+
+
+def _parquet(path: Path) -> dict[str, Any]:
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(path)
+    except (OSError, ValueError) as error:  # pyarrow's own errors derive from these
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DrawingError(
+            f"cannot be read as Parquet ({reason}); check the path and the file", str(path)
+        ) from None
+    return {str(name): frame[name].to_numpy(dtype=object) for name in frame.columns}
+
+
+def _header_faults(form: TableFormat, header: list[str]) -> Iterator[str]:
+    if missing := [name for name in form.required if name not in header]:
+        yield f"lacks column {', '.join(missing)}; its header is {','.join(header)[:200]}"
+    allowed = (*form.numbers, *form.text)
+    if unknown := [name for name in header if name not in allowed]:
+        yield f"has unknown column {', '.join(map(repr, unknown))}; remove it. {known(allowed)}"
+
+
+def _numbers(cells: Any, column: str, finite: bool) -> tuple[np.ndarray, list[str]]:
+    """The cells as floats, and a sentence for each that is none."""
+    if not len(cells):
+        return np.zeros(0), []
+    values = np.full(len(cells), np.nan)
+    faults: list[str] = []
+    try:
+        if any("_" in cell for cell in cells):  # Python would read 1_0 as ten
+            raise ValueError
+        values = np.array([cell or "nan" for cell in cells], dtype=object).astype(float)
+    except (TypeError, ValueError):
+        for row, cell in enumerate(cells, start=2):
+            try:
+                if isinstance(cell, bool | np.bool_) or (isinstance(cell, str) and "_" in cell):
+                    raise ValueError
+                values[row - 2] = np.nan if cell is None or cell == "" else float(cell)
+            except (TypeError, ValueError):
+                faults.append(f"row {row}: {column} is {cell!r}; write a number")
+    if not faults:
+        wrong = ~np.isfinite(values) if finite else np.isinf(values)
+        remedy = "it must be a finite number" if finite else "leave it empty when it was not measured"
+        for row in np.flatnonzero(wrong):
+            faults.append(f"row {row + 2}: {column} is {cells[row] or 'empty'}; {remedy}")
+    return values, faults
+
+
+def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
+    if form.keys == ("effect", "parameter"):
+        yield from _driven(table, mechanism)
+        return
+    (key,) = form.keys
+    ids = {part.id for part in (mechanism.markers if key == "marker" else mechanism.joints)}
+    for name, row in _first_rows(table[key]):
+        if name not in ids:
+            yield f'row {row}: {key} "{name}" is not drawn; rename it or draw it. {known(ids)}'
+
+
+def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
+    effects = {effect.id: effect for effect in mechanism.effects}
+    pairs = np.array(list(zip(table["effect"], table["parameter"], strict=True)) + [None], dtype=object)[:-1]
+    for (effect, parameter), row in _first_rows(pairs):
+        if effect not in effects:
+            yield f'row {row}: effect "{effect}" is not drawn; rename it or draw it. {known(effects)}'
+            continue
+        kind = kind_named(effects[effect].kind)
+        spec = kind.parameters.get(parameter)
+        if spec is None:
+            yield f'row {row}: parameter "{parameter}" is unknown to {kind.name}. {known(kind.parameters)}'
+        elif spec.size > 1:
+            yield f"row {row}: {parameter} is a list of {spec.size} and cannot be driven; drive a single number"
+        else:
+            rows = np.flatnonzero((table["effect"] == effect) & (table["parameter"] == parameter))
+            values = table["value"][rows]
+            low, high = spec.lower, spec.upper
+            wrong = (values < (-np.inf if low is None else low)) | (
+                values > (np.inf if high is None else high)
+            )
+            for at in rows[wrong][:1]:
+                bounds = f"{'-inf' if low is None else low} to {'inf' if high is None else high}"
+                yield f"row {at + 2}: {parameter} is {table['value'][at]:g}, outside its bounds {bounds}; correct it"
+
+
+def _first_rows(names: np.ndarray) -> Iterator[tuple[Any, int]]:
+    seen: dict[Any, int] = {}
+    for row, name in enumerate(names, start=2):
+        seen.setdefault(name, row)
+    yield from seen.items()
+
+
+def _status(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
+    if "status" in table:
+        for status, row in _first_rows(table["status"]):
+            if status not in STATUSES:
+                yield f'row {row}: status "{status}" is unknown; write one of {", ".join(STATUSES)}'
+
+
+def _sigma(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
+    if form.sigma is not None:
+        for row in np.flatnonzero(table[form.sigma] <= 0.0):
+            yield (
+                f"row {row + 2}: {form.sigma} is {table[form.sigma][row]:g}; a standard deviation is above zero: "
+                "leave it empty to have it estimated"
+            )
+
+
+def _order(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
+    before: dict[Any, float] = {}
+    keys = zip(*(table[key] for key in form.keys), strict=True)
+    for row, (key, time) in enumerate(zip(keys, table["time_s"].tolist(), strict=True), start=2):
+        last = before.get(key)
+        if last is not None and time <= last:
+            what = "is repeated" if time == last else f"runs backwards from {last:g} s"
+            yield f'row {row}: time_s {time:g} s {what} for {form.keys[0]} "{key[0]}"; sort by time, one row per sample'
+        before[key] = time
+
+
+def _few(faults: list[str]) -> list[str]:
+    rest = len(faults) - SHOWN
+    return faults if rest <= 0 else [*faults[:SHOWN], f"and {rest} more like the last"]
