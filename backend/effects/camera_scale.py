@@ -1,0 +1,18 @@
+"""A wrong ruler: every position is reported too large or too small."""
+
+from jaxtyping import Array, Float
+
+from backend.effects.effect import parameter
+from backend.effects.shapes import AbstractView
+
+
+class CameraScale(AbstractView):
+    """Reported = (1 + relative) x true, from the world's origin."""
+
+    kind = "camera_scale"
+    acts_on = "camera"
+    relative: Float[Array, ""] = parameter("1", "reported length / true length - 1", lower=-0.9)
+
+    def view(self, p_WP, axis):
+        """Scale about the origin."""
+        return (1 + self.relative) * p_WP

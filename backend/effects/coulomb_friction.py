@@ -1,0 +1,23 @@
+"""Dry friction of constant size: seals, preloaded bearings, ball screws."""
+
+from jaxtyping import Array, Float
+
+from backend.effects.effect import parameter
+from backend.effects.shapes import AbstractDryFriction
+
+
+class CoulombFriction(AbstractDryFriction):
+    """Effort of constant size against sliding; holds up to the same size at rest."""
+
+    kind = "coulomb_friction"
+    acts_on = "joint"
+    friction_torque_n_m: Float[Array, ""] = parameter(
+        "N m", "sliding torque", lower=0.0, joint_types=("revolute",)
+    )
+    friction_force_n: Float[Array, ""] = parameter(
+        "N", "sliding force", lower=0.0, joint_types=("prismatic",)
+    )
+
+    def limit(self, load, pin_radius):
+        """The same under any load."""
+        return self.friction_torque_n_m + self.friction_force_n

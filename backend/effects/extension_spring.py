@@ -1,0 +1,34 @@
+"""A coil spring between two bodies, with an optional damper beside it."""
+
+from jaxtyping import Array, Float
+
+from backend.effects.effect import parameter
+from backend.effects.shapes import AbstractStrut
+
+
+class ExtensionSpring(AbstractStrut):
+    """Tension = stiffness x (length - free length); pushes when shorter."""
+
+    kind = "extension_spring"
+    acts_on = "bodies"
+    anchor_a_m: Float[Array, "3"] = parameter("m", "end on the first body, in its axes", default=None, size=3)
+    anchor_b_m: Float[Array, "3"] = parameter("m", "end on the second body, in its axes", default=None, size=3)
+    stiffness_n_per_m: Float[Array, ""] = parameter("N/m", "force per lengthening", lower=0.0)
+    free_length_m: Float[Array, ""] = parameter("m", "length without force", lower=0.0)
+    damping_n_s_per_m: Float[Array, ""] = parameter("N s/m", "force per rate of lengthening", lower=0.0)
+
+    def anchors(self):
+        """As drawn."""
+        return self.anchor_a_m, self.anchor_b_m
+
+    def tension(self, length):
+        """Linear in the lengthening."""
+        return self.stiffness_n_per_m * (length - self.free_length_m)
+
+    def damping(self):
+        """Along the spring."""
+        return self.damping_n_s_per_m
+
+    def potential(self, length):
+        """½ k (l - l₀)²."""
+        return 0.5 * self.stiffness_n_per_m * (length - self.free_length_m) ** 2

@@ -1,0 +1,18 @@
+"""A part whose mass is spread otherwise than drawn."""
+
+from jaxtyping import Array, Float
+
+from backend.effects.effect import parameter
+from backend.effects.shapes import AbstractDrawnError
+
+
+class InertiaError(AbstractDrawnError):
+    """Same mass and centre, other inertia about the centre of mass."""
+
+    kind = "inertia_error"
+    acts_on = "body"
+    relative: Float[Array, ""] = parameter("1", "true inertia / drawn inertia - 1", lower=-0.95)
+
+    def redraw(self, drawing, body):
+        """Scale the inertia tensor."""
+        return drawing.with_body(body, inertia=drawing.inertia[body] * (1 + self.relative))

@@ -1,0 +1,22 @@
+"""A part heavier or lighter than drawn."""
+
+from jaxtyping import Array, Float
+
+from backend.effects.effect import parameter
+from backend.effects.shapes import AbstractDrawnError
+
+
+class MassError(AbstractDrawnError):
+    """Same shape, other density: mass and inertia grow together."""
+
+    kind = "mass_error"
+    acts_on = "body"
+    relative: Float[Array, ""] = parameter("1", "true mass / drawn mass - 1", lower=-0.95)
+
+    def redraw(self, drawing, body):
+        """Scale mass and inertia."""
+        return drawing.with_body(
+            body,
+            mass=drawing.mass[body] * (1 + self.relative),
+            inertia=drawing.inertia[body] * (1 + self.relative),
+        )

@@ -1,0 +1,20 @@
+"""Dry friction of a pin in its hole: it grows with the force that the pin carries."""
+
+from jaxtyping import Array, Float
+
+from backend.effects.effect import parameter
+from backend.effects.shapes import AbstractDryFriction
+
+
+class PinFriction(AbstractDryFriction):
+    """Torque limit = coefficient x pin radius x |radial reaction|."""
+
+    kind = "pin_friction"
+    acts_on = "joint"
+    friction_coefficient: Float[Array, ""] = parameter(
+        "1", "Coulomb coefficient between pin and hole", lower=0.0, joint_types=("revolute",)
+    )
+
+    def limit(self, load, pin_radius):
+        """In proportion to the load."""
+        return self.friction_coefficient * pin_radius * load

@@ -1,0 +1,125 @@
+"""The shapes of physics that the solver knows.  Every effect is one of them."""
+
+from abc import abstractmethod
+
+from jaxtyping import Array, Float
+
+from backend.effects.effect import AbstractEffect, BodyView, Wrench
+
+Scalar = Float[Array, ""]
+
+
+class AbstractJointDamping(AbstractEffect):
+    """Effort against a joint's rate, in proportion to it."""
+
+    @abstractmethod
+    def damping(self) -> Scalar:
+        """N m s/rad at a turning joint, N s/m at a sliding one."""
+
+
+class AbstractDryFriction(AbstractEffect):
+    """Effort against a joint's motion up to a limit that grows linearly with the load the joint carries."""
+
+    @abstractmethod
+    def limit(self, load: Scalar, pin_radius: Scalar) -> Scalar:
+        """Largest effort [N m or N] under a radial reaction `load` [N]; pin_radius in m."""
+
+
+class AbstractJointEffort(AbstractEffect):
+    """Effort along a joint's coordinate that depends on where the joint is."""
+
+    @abstractmethod
+    def effort(self, q: Scalar) -> Scalar:
+        """Effort in the direction of growing q [N m or N]."""
+
+    @abstractmethod
+    def potential(self, q: Scalar) -> Scalar:
+        """Energy stored at q [J]; its slope is minus the effort where it is conservative, 0 where a drive."""
+
+
+class AbstractJointInertia(AbstractEffect):
+    """Inertia that turns or travels with a joint's coordinate."""
+
+    @abstractmethod
+    def inertia(self) -> Scalar:
+        """kg m² at a turning joint, kg at a sliding one."""
+
+
+class AbstractJointStop(AbstractEffect):
+    """Two unilateral gaps along a joint's coordinate."""
+
+    @abstractmethod
+    def ends(self) -> tuple[Scalar, Scalar]:
+        """Lowest and highest q that the stops allow [rad or m]."""
+
+
+class AbstractJointMotion(AbstractEffect):
+    """A joint whose coordinate is given."""
+
+    @abstractmethod
+    def target(self) -> Scalar:
+        """q at the end of the step [rad or m]."""
+
+
+class AbstractBodyForce(AbstractEffect):
+    """Forces that depend on where bodies are.  The second body takes the reaction."""
+
+    @abstractmethod
+    def wrench(self, a: BodyView, b: BodyView) -> tuple[Wrench, Wrench]:
+        """Wrenches on a and on b, each about its centre of mass."""
+
+    @abstractmethod
+    def potential(self, a: BodyView, b: BodyView) -> Scalar:
+        """Energy stored [J]; 0 where the force is a drive."""
+
+
+class AbstractDrag(AbstractEffect):
+    """A force on one body against its velocity."""
+
+    @abstractmethod
+    def wrench(self, body: BodyView) -> Wrench:
+        """Wrench about the body's centre of mass; it never does positive work."""
+
+
+class AbstractStrut(AbstractEffect):
+    """A line between a point on each of two bodies that pulls and damps along itself."""
+
+    @abstractmethod
+    def anchors(self) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """The line's ends in the first and in the second body [m]."""
+
+    @abstractmethod
+    def tension(self, length: Scalar) -> Scalar:
+        """Pull between the ends [N] at a length [m]."""
+
+    @abstractmethod
+    def damping(self) -> Scalar:
+        """Against lengthening [N s/m]."""
+
+    @abstractmethod
+    def potential(self, length: Scalar) -> Scalar:
+        """Energy stored [J]."""
+
+
+class AbstractDrawnError(AbstractEffect):
+    """A difference between the part and its drawing."""
+
+    @abstractmethod
+    def redraw(self, drawing, body: int):
+        """The drawing with this body (an index; -1 for the world) as it really is."""
+
+
+class AbstractView(AbstractEffect):
+    """A difference between where a point is and where the camera says it is."""
+
+    @abstractmethod
+    def view(self, p_WP: Float[Array, "*batch 3"], axis: Float[Array, "3"]) -> Float[Array, "*batch 3"]:
+        """Reported position of world points [m]; `axis` is the unit direction the camera looks along, in W."""
+
+
+class AbstractClock(AbstractEffect):
+    """A difference between the time a sample carries and when it was taken."""
+
+    @abstractmethod
+    def true_time(self, time_s: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+        """When a sample that says `time_s` was taken [s]."""

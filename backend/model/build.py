@@ -1,0 +1,198 @@
+"""From a drawing to a model: bodies to arrays, effects to batches."""
+
+from collections.abc import Iterable, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from backend.effects.catalogue import effect_of_kind
+from backend.effects.effect import AbstractEffect
+from backend.effects.shapes import AbstractStrut
+from backend.joints.catalogue import joint_of_type
+from backend.mechanism.body import Body
+from backend.mechanism.effect import Effect
+from backend.mechanism.mechanism import Mechanism
+from backend.model.drawing import Drawing
+from backend.model.model import Model, world_axis
+from backend.model.placed import Placed
+from backend.model.scale import STANDARD_GRAVITY, Scale
+from backend.model.topology import Topology, lay_out
+
+
+def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
+    """The model of a drawing, with further effects beside those drawn.
+
+    Raises ValueError naming joint types or effects that cannot be simulated yet, or what one of them lacks.
+    """
+    moving = [b.id for b in mechanism.bodies if not b.fixed]
+    fixed = [b.id for b in mechanism.bodies if b.fixed]
+    if not moving:
+        raise ValueError(f"nothing moves in '{mechanism.name}': every body is fixed; let at least one body move")
+    for joint in mechanism.joints:
+        joint_of_type(joint.type)
+    drawn = [*mechanism.effects, *effects]
+    twice = sorted({e.id for e in drawn if sum(e.id == other.id for other in drawn) > 1})
+    if twice:
+        raise ValueError(f"effect id '{twice[0]}' is used twice; give each effect its own id")
+    struts = [e for e in drawn if issubclass(effect_of_kind(e.kind), AbstractStrut)]
+    topology = lay_out(
+        moving,
+        fixed,
+        [(j.id, j.type, j.body_a, j.body_b) for j in mechanism.joints],
+        [_pair(e, fixed) for e in sorted(struts, key=lambda e: e.kind)],
+    )
+    bodies = [mechanism.body(id_) if id_ else None for id_ in topology.body_ids + topology.fixed_ids]
+    drawing = _drawing(mechanism, bodies)
+    poses = np.array([_pose(b) for b in bodies])
+    axes_W = np.array([_rotation(poses[a, 3:]) @ drawing.axes_a[i, :, 2] for i, (a, _) in enumerate(topology.joints)])
+    return Model(
+        topology=topology,
+        drawing=drawing,
+        effects=tuple(_place(kind, drawn, topology, mechanism) for kind in sorted({e.kind for e in drawn})),
+        drawn_poses=jnp.asarray(poses),
+        marker_points=jnp.array([m.position_m for m in mechanism.markers], dtype=float).reshape(-1, 3),
+        marker_ids=tuple(m.id for m in mechanism.markers),
+        marker_bodies=tuple(topology.slot(m.body) for m in mechanism.markers),
+        view_axis=world_axis(jnp.asarray(axes_W.reshape(-1, 3))),
+        scale=_scale(mechanism, moving),
+    )
+
+
+def _drawing(mechanism: Mechanism, bodies: list[Body | None]) -> Drawing:
+    inertial = [b.inertial if b else None for b in bodies]
+    count = len(bodies)
+    points = _points(mechanism)
+    joints = mechanism.joints
+    return Drawing(
+        mass=jnp.array([i.mass_kg if i else 1.0 for i in inertial]),
+        center_of_mass=jnp.array([i.center_of_mass_m if i else (0.0, 0.0, 0.0) for i in inertial]),
+        inertia=jnp.array([i.inertia_kg_m2.matrix() if i else np.eye(3) for i in inertial]),
+        stretch=jnp.tile(jnp.eye(3), (count, 1, 1)),
+        length_axis=jnp.array([_length_axis(points.get(b.id, [])) if b else (1.0, 0, 0) for b in bodies]),
+        point_a=jnp.array([j.frame_a.position_m for j in joints], dtype=float).reshape(-1, 3),
+        point_b=jnp.array([j.frame_b.position_m for j in joints], dtype=float).reshape(-1, 3),
+        axes_a=jnp.array([_rotation(j.frame_a.quaternion_wxyz) for j in joints]).reshape(-1, 3, 3),
+        axes_b=jnp.array([_rotation(j.frame_b.quaternion_wxyz) for j in joints]).reshape(-1, 3, 3),
+        pin_radius=jnp.array([_pin_radius(j) for j in joints]),
+        gravity=jnp.array(mechanism.gravity_m_per_s2, dtype=float),
+    )
+
+
+def _points(mechanism: Mechanism) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
+    """Where joints hold each body, and along which axis, in body axes."""
+    points: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {b.id: [] for b in mechanism.bodies}
+    for joint in mechanism.joints:
+        for body, frame in ((joint.body_a, joint.frame_a), (joint.body_b, joint.frame_b)):
+            points[body].append((np.array(frame.position_m), _rotation(frame.quaternion_wxyz)[:, 2]))
+    for body in mechanism.bodies:
+        if body.inertial and len(points[body.id]) == 1:
+            points[body.id].append((np.array(body.inertial.center_of_mass_m), points[body.id][0][1]))
+    return points
+
+
+def _length_axis(points: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Direction in which a body's joints are spread, across their common axis."""
+    if len(points) < 2:
+        return np.array([1.0, 0.0, 0.0])
+    spread = np.array([p for p, _ in points]) - points[0][0]
+    axis = points[0][1]
+    across = spread - np.outer(spread @ axis, axis)
+    if np.abs(across).max() > 1e-9:
+        spread = across
+    direction = np.linalg.svd(spread)[2][0]
+    return direction if spread[np.abs(spread @ direction).argmax()] @ direction >= 0 else -direction
+
+
+def _place(kind: str, drawn: list[Effect], topology: Topology, mechanism: Mechanism) -> Placed:
+    """One batch of all drawn effects of a kind."""
+    effect = effect_of_kind(kind)
+    members = [e for e in drawn if e.kind == kind]
+    rows, places = [], []
+    for row, member in enumerate(members):
+        for place in _places(member, effect, topology, mechanism):
+            rows.append(row)
+            places.append(place)
+    leaves = {name: jnp.array([_value(m, name, d) for m in members]) for name, d in effect.declarations().items()}
+    return Placed(effect(**leaves), tuple(m.id for m in members), tuple(rows), tuple(places))
+
+
+def _places(
+    member: Effect, effect: type[AbstractEffect], topology: Topology, mechanism: Mechanism
+) -> Iterable[tuple[int, ...]]:
+    if effect.acts_on in ("world", "camera"):
+        return [(topology.slots,)]
+    if effect.acts_on == "joint":
+        return [(topology.joint_ids.index(id_),) for id_ in _joints_of(member, effect, mechanism)]
+    if member.on == "all":
+        return [(topology.slot(b.id),) for b in mechanism.bodies if not b.fixed]
+    if effect.acts_on == "bodies":
+        return [tuple(topology.slot(id_) for id_ in _pair(member, topology.fixed_ids))]
+    return [(topology.slot(id_),) for id_ in member.on]
+
+
+def _joints_of(member: Effect, effect: type[AbstractEffect], mechanism: Mechanism) -> list[str]:
+    """Joints an effect acts at; each must have a coordinate, and what the effect needs there."""
+    able = {t for d in effect.declarations().values() for t in (d.joint_types or ("revolute", "prismatic"))}
+    if member.on == "all":
+        return [j.id for j in mechanism.joints if j.type in able]
+    for id_ in member.on:
+        joint = mechanism.joint(id_)
+        if joint.type not in able:
+            raise ValueError(f"effect '{member.id}': {member.kind} cannot act at {joint.type} joint '{id_}'")
+        if member.kind == "pin_friction" and _pin_radius(joint) == 0.0:
+            raise ValueError(
+                f"effect '{member.id}': pin friction at joint '{id_}' needs the pin's size; "
+                "draw the joint with fit.pin_diameter_m"
+            )
+    return list(member.on)
+
+
+def _pair(member: Effect, fixed: Sequence[str]) -> tuple[str, str]:
+    """First body and the one that takes the reaction; the ground where only one is named."""
+    first, *rest = member.on
+    return first, rest[0] if rest else fixed[0]
+
+
+def _value(member: Effect, name: str, declared) -> float | list[float]:
+    if name in member.parameters:
+        return member.parameters[name]
+    if declared.default is None:
+        raise ValueError(f"effect '{member.id}' ({member.kind}) lacks '{name}' [{declared.unit}]: {declared.doc}")
+    return declared.default if declared.size == 1 else [declared.default] * declared.size
+
+
+def _pin_radius(joint) -> float:
+    diameter = joint.fit.pin_diameter_m if joint.fit else None
+    return 0.5 * diameter if diameter else 0.0
+
+
+def _pose(body: Body | None) -> list[float]:
+    if body is None:
+        return [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    return [*body.pose.position_m, *body.pose.quaternion_wxyz]
+
+
+def _rotation(quaternion_wxyz: Sequence[float]) -> Float[np.ndarray, "3 3"]:
+    w, x, y, z = np.asarray(quaternion_wxyz, float) / np.linalg.norm(quaternion_wxyz)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _scale(mechanism: Mechanism, moving: list[str]) -> Scale:
+    inertials = [mechanism.body(id_).inertial for id_ in moving]
+    masses = [i.mass_kg for i in inertials if i]
+    lengths = []
+    for points in _points(mechanism).values():
+        lengths += [float(np.linalg.norm(p - points[0][0])) for p, _ in points[1:]]
+    gyration = [np.sqrt(np.trace(i.inertia_kg_m2.matrix()) / i.mass_kg) for i in inertials if i]
+    long = [length for length in lengths if length > 1e-6] or gyration
+    gravity = float(np.linalg.norm(mechanism.gravity_m_per_s2)) or STANDARD_GRAVITY
+    return Scale(float(np.mean(masses)), float(np.mean(long)), gravity)
+
+

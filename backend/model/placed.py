@@ -1,0 +1,35 @@
+"""The effects of one kind in a model, and where each of them acts."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import jax
+import numpy as np
+from jaxtyping import Array
+
+from backend.effects.effect import AbstractEffect
+
+
+class Placed(eqx.Module):
+    """Effects of one kind.  Leaves of `effect` have one row per drawn effect; a row may act at several places."""
+
+    effect: AbstractEffect
+    ids: tuple[str, ...] = eqx.field(static=True)
+    rows: tuple[int, ...] = eqx.field(static=True)
+    places: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    """Joint index (1), or body slots (1 or 2), of each place."""
+
+    @property
+    def here(self) -> AbstractEffect:
+        """The effects with one row of leaves per place."""
+        rows = np.array(self.rows, dtype=int)
+        if np.array_equal(rows, np.arange(len(self.ids))):
+            return self.effect
+        return jax.tree.map(lambda leaf: leaf[rows], self.effect)
+
+    def at(self, column: int = 0) -> np.ndarray:
+        """(places,) joint indices or body slots."""
+        return np.array([place[column] for place in self.places], dtype=int)
+
+    def summed(self, count: int, values: Array) -> Array:
+        """Add one value per place into an array over joints or bodies."""
+        return jnp.zeros(count).at[self.at()].add(values)

@@ -1,0 +1,241 @@
+"""The numbers of one motion: the drawing as it really is, and what the effects add up to at each joint.
+
+Computed once before a motion starts; everything that stays the same from step to step is summed here.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from backend.effects.gravity import Gravity
+from backend.effects.shapes import (
+    AbstractBodyForce,
+    AbstractDrag,
+    AbstractDrawnError,
+    AbstractDryFriction,
+    AbstractJointDamping,
+    AbstractJointEffort,
+    AbstractJointInertia,
+    AbstractJointMotion,
+    AbstractJointStop,
+    AbstractStrut,
+)
+from backend.joints.catalogue import joint_of_type
+from backend.joints.joint import TURN
+from backend.model.drawing import Drawing
+from backend.model.model import Model
+from backend.model.placed import Placed
+from backend.model.scale import Scale
+from backend.model.topology import Topology
+
+COMPLIANCE = 5e-11  # of a joint row, times the mass it holds [1]: 1e-14 brings self-stress, 1e-7 gives way
+STICK_RATE = 1e-4  # below this rate [rad/s, or mechanism lengths/s] dry friction holds rather than slides
+BARRIER = 1e-8  # energy [mechanism weight x length] that a stop spends to stay open
+
+
+class System(eqx.Module):
+    """Arrays of a mechanism in motion; body points are relative to the centre of mass, in body axes."""
+
+    topology: Topology = eqx.field(static=True)
+    scale: Scale = eqx.field(static=True)
+    held: tuple[tuple[bool, ...], ...] = eqx.field(static=True)
+    """Rows of each joint that its kind holds."""
+    coordinate: tuple[int | None, ...] = eqx.field(static=True)
+    """The row of each joint that is its coordinate."""
+    stops: tuple[int, ...] = eqx.field(static=True)
+    """Joints with a stop; one that is driven has none."""
+    load_dependent: bool = eqx.field(static=True)
+    """Whether any dry friction grows with the load."""
+    driven: tuple[int, ...] = eqx.field(static=True)
+    """Joints whose coordinate is prescribed."""
+
+    mass: Float[Array, "slots"]
+    inertia: Float[Array, "slots 3 3"]
+    center_of_mass: Float[Array, "bodies 3"]
+    stretch: Float[Array, "bodies 3 3"]
+    fixed_position: Float[Array, "fixed 3"]
+    fixed_quaternion: Float[Array, "fixed 4"]
+    point_a: Float[Array, "joints 3"]
+    point_b: Float[Array, "joints 3"]
+    axes_a: Float[Array, "joints 3 3"]
+    axes_b: Float[Array, "joints 3 3"]
+    compliance: Float[Array, "joints 6"]
+    damping: Float[Array, "joints"]
+    dry_limit: Float[Array, "joints"]
+    dry_per_load: Float[Array, "joints"]
+    rotor: Float[Array, "joints"]
+    stop_ends: Float[Array, "stops 2"]
+    stick_rate: Float[Array, "joints"]
+    barrier: Float[Array, ""]
+    strut_a: Float[Array, "struts 3"]
+    strut_b: Float[Array, "struts 3"]
+    strut_damping: Float[Array, "struts"]
+    forces: tuple[Placed, ...]
+    drags: tuple[Placed, ...]
+    efforts: tuple[Placed, ...]
+    motions: tuple[Placed, ...]
+    struts: tuple[Placed, ...]
+
+    @property
+    def pairs(self) -> np.ndarray:
+        """(joints, 2) slots of body A and body B."""
+        return np.array(self.topology.joints, dtype=int).reshape(-1, 2)
+
+    @property
+    def held_rows(self) -> np.ndarray:
+        """(joints, 6) rows held by the kind of joint."""
+        return np.array(self.held, dtype=bool).reshape(-1, 6)
+
+    @property
+    def coordinate_rows(self) -> np.ndarray:
+        """(joints, 6) one-hot row of the coordinate; all false where a joint has none."""
+        rows = [c if c is not None else -1 for c in self.coordinate]
+        return np.array(rows, dtype=int).reshape(-1, 1) == np.arange(6)
+
+    @property
+    def is_driven(self) -> np.ndarray:
+        """(joints,) whether the coordinate is prescribed."""
+        return np.isin(np.arange(len(self.coordinate)), self.driven)
+
+    def point(self, body: np.ndarray, p_BP: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        """Drawn points of bodies (slots) -> from the centre of mass of the real part, in body axes."""
+        return jnp.einsum("nij,nj->ni", self.stretch[body], p_BP) - self.center_of_mass[body]
+
+
+def system(model: Model) -> System:
+    """Apply the errors of the drawing, then add up what acts at each joint."""
+    topology, drawing = model.topology, redraw(model)
+    joints = len(topology.joint_ids)
+    motions = model.of(AbstractJointMotion)
+    driven = tuple(sorted({int(j) for placed in motions for j in placed.at()}))
+    types = [joint_of_type(t) for t in topology.joint_types]
+    limits = [_dry_limits(placed, drawing) for placed in model.of(AbstractDryFriction)]
+    stops = tuple(sorted({int(j) for placed in model.of(AbstractJointStop) for j in placed.at()} - set(driven)))
+    struts = model.of(AbstractStrut)
+    anchors = [jax.vmap(lambda e: e.anchors())(placed.here) for placed in struts]
+    slots, scale = topology.slots, model.scale
+    center = jnp.einsum("bij,bj->bi", drawing.stretch, drawing.center_of_mass)
+    sliding = jnp.array([t.coordinate != TURN for t in types], dtype=bool)
+    made = System(
+        topology=topology,
+        scale=scale,
+        held=tuple(t.held for t in types),
+        coordinate=tuple(t.coordinate for t in types),
+        stops=stops,
+        load_dependent=any(_depends_on_load(placed) for placed in model.of(AbstractDryFriction)),
+        driven=driven,
+        mass=drawing.mass[:slots],
+        inertia=drawing.inertia[:slots],
+        center_of_mass=center.at[slots:].set(0.0),
+        stretch=drawing.stretch,
+        fixed_position=model.drawn_poses[slots:, :3],
+        fixed_quaternion=model.drawn_poses[slots:, 3:],
+        point_a=jnp.zeros((joints, 3)),
+        point_b=jnp.zeros((joints, 3)),
+        axes_a=drawing.axes_a,
+        axes_b=drawing.axes_b,
+        compliance=jnp.zeros((joints, 6)),
+        damping=_total(joints, model.of(AbstractJointDamping), lambda e: e.damping()),
+        dry_limit=sum((limit for limit, _ in limits), jnp.zeros(joints)),
+        dry_per_load=sum((slope for _, slope in limits), jnp.zeros(joints)),
+        rotor=_total(joints, model.of(AbstractJointInertia), lambda e: e.inertia()),
+        stop_ends=_stop_ends(model.of(AbstractJointStop), stops, joints),
+        stick_rate=STICK_RATE * jnp.where(sliding, scale.length_m, 1.0),
+        barrier=jnp.asarray(BARRIER * scale.mass_kg * scale.gravity_m_per_s2 * scale.length_m),
+        strut_a=jnp.zeros((len(topology.struts), 3)),
+        strut_b=jnp.zeros((len(topology.struts), 3)),
+        strut_damping=_joined([jax.vmap(lambda e: e.damping())(p.here) for p in struts], (0,)),
+        forces=(*_gravity(drawing, topology), *model.of(AbstractBodyForce)),
+        drags=tuple(model.of(AbstractDrag)),
+        efforts=tuple(model.of(AbstractJointEffort)),
+        motions=tuple(motions),
+        struts=tuple(struts),
+    )
+    pairs = made.pairs
+    ends = np.array(topology.struts, dtype=int).reshape(-1, 2)
+    point_a, point_b = made.point(pairs[:, 0], drawing.point_a), made.point(pairs[:, 1], drawing.point_b)
+    return eqx.tree_at(
+        lambda s: (s.point_a, s.point_b, s.compliance, s.strut_a, s.strut_b),
+        made,
+        (
+            point_a,
+            point_b,
+            _compliance(made, pairs, point_a, point_b),
+            made.point(ends[:, 0], _joined([a for a, _ in anchors], (0, 3))),
+            made.point(ends[:, 1], _joined([b for _, b in anchors], (0, 3))),
+        ),
+    )
+
+
+def redraw(model: Model) -> Drawing:
+    """The drawing after every error of what was drawn."""
+    drawing = model.drawing
+    for placed in model.of(AbstractDrawnError):
+        for row, (body, *_) in zip(placed.rows, placed.places, strict=True):
+            drawing = jax.tree.map(lambda leaf, r=row: leaf[r], placed.effect).redraw(drawing, body)
+    return drawing
+
+
+def _compliance(made: System, pairs: np.ndarray, point_a: Array, point_b: Array) -> Array:
+    """ε per row: COMPLIANCE over the mass (translations) or the inertia (turns) that the row holds.
+
+    The mass is the geometric mean of the two bodies', so that neither a heavy base nor a light coupler
+    loses its momentum in rounding.
+    """
+    slots = made.topology.slots
+    gyration = jnp.sqrt(jnp.trace(made.inertia, axis1=1, axis2=2) / (3 * made.mass))
+    mass = jnp.append(made.mass, jnp.nan)[np.minimum(pairs, slots)]
+    radius = jnp.append(gyration, jnp.nan)[np.minimum(pairs, slots)]
+    reach = jnp.stack([jnp.linalg.norm(point_a, axis=-1), jnp.linalg.norm(point_b, axis=-1)], -1)
+    moving = pairs < slots
+    mean_mass = jnp.exp(_mean_where(moving, jnp.log(mass)))
+    mean_square = _mean_where(moving, radius**2 + reach**2)
+    linear = COMPLIANCE / mean_mass
+    return jnp.concatenate([jnp.tile(linear[:, None], 3), jnp.tile((linear / mean_square)[:, None], 3)], -1)
+
+
+def _mean_where(mask: np.ndarray, values: Array) -> Array:
+    """Mean over the moving sides of a joint; 1 between two fixed bodies, where nothing moves."""
+    total = jnp.sum(jnp.where(mask, values, 0.0), -1)
+    return jnp.where(mask.any(-1), total / np.maximum(mask.sum(-1), 1), 1.0)
+
+
+def _dry_limits(placed: Placed, drawing: Drawing) -> tuple[Array, Array]:
+    """Constant part of the limit, and its slope in the load, per joint (the shape is linear in load)."""
+    radius = drawing.pin_radius[placed.at()]
+    unloaded = jax.vmap(lambda e, r: e.limit(jnp.zeros(()), r))(placed.here, radius)
+    loaded = jax.vmap(lambda e, r: e.limit(jnp.ones(()), r))(placed.here, radius)
+    joints = drawing.pin_radius.shape[0]
+    return placed.summed(joints, unloaded), placed.summed(joints, loaded - unloaded)
+
+
+def _depends_on_load(placed: Placed) -> bool:
+    """Asked of the effect's law itself, with every parameter one."""
+    ones = jax.tree.map(lambda leaf: np.ones(np.shape(leaf)[1:]), placed.effect)
+    return float(ones.limit(1.0, 1.0)) != float(ones.limit(0.0, 1.0))
+
+
+def _total(joints: int, placed: list[Placed], value) -> Array:
+    return sum((p.summed(joints, jax.vmap(value)(p.here)) for p in placed), jnp.zeros(joints))
+
+
+def _joined(parts: list[Array], empty: tuple[int, ...]) -> Array:
+    return jnp.concatenate(parts) if parts else jnp.zeros(empty)
+
+
+def _stop_ends(placed: list[Placed], stops: tuple[int, ...], joints: int) -> Array:
+    """Tightest ends where several stops act at one joint."""
+    lower, upper = jnp.full(joints, -jnp.inf), jnp.full(joints, jnp.inf)
+    for p in placed:
+        low, high = jax.vmap(lambda e: e.ends())(p.here)
+        lower, upper = lower.at[p.at()].max(low), upper.at[p.at()].min(high)
+    return jnp.stack([lower, upper], -1)[np.array(stops, dtype=int)]
+
+
+def _gravity(drawing: Drawing, topology: Topology) -> list[Placed]:
+    real = [i for i, body in enumerate(topology.body_ids) if body is not None]
+    effect = Gravity(gravity_m_per_s2=drawing.gravity[None])
+    places = tuple((i, topology.slots) for i in real)
+    return [Placed(effect, ("gravity",), (0,) * len(real), places)]

@@ -1,0 +1,124 @@
+"""Impulses of the effects on bodies and joints during one step."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from backend.effects.effect import BodyView
+from backend.model.placed import Placed
+from backend.model.system import System
+from backend.simulate.kinematics import Bodies
+from backend.simulate.momentum import BodyRows
+from backend.simulate.small import apply, apply_transposed, dot
+
+TINY_M = 1e-9  # keeps the direction of a strut of no length finite
+
+
+def views(system: System, placed: Bodies, velocity: BodyRows, which: np.ndarray) -> BodyView:
+    """What effects see of the bodies in these slots."""
+    resting = jnp.zeros((system.fixed_position.shape[0], 6))
+    moving = jnp.concatenate([velocity, resting])[which]
+    mass = jnp.concatenate([system.mass, jnp.ones(resting.shape[0])])[which]
+    R_WB = placed.rotation[which]
+    return BodyView(
+        p_WC=placed.position[which],
+        R_WB=R_WB,
+        v_WC=moving[:, :3],
+        w_WB_W=apply(R_WB, moving[:, 3:]),
+        mass=mass,
+        p_BC=system.center_of_mass[which],
+        stretch=system.stretch[which],
+    )
+
+
+def body_forces(system: System, placed: Bodies, velocity: BodyRows) -> BodyRows:
+    """Forces that depend on where bodies are (weight, drives, springs), about the centre of mass [N, N m]."""
+    total = strut_pull(system, placed)
+    for group in system.forces:
+        a, b = _both(group, system)
+        wrenches = jax.vmap(lambda e, va, vb: e.wrench(va, vb))(
+            group.here, views(system, placed, velocity, a), views(system, placed, velocity, b)
+        )
+        parts = [
+            jnp.concatenate([w.force, apply_transposed(placed.rotation[side], w.torque)], -1)
+            for w, side in zip(wrenches, (a, b), strict=True)
+        ]
+        total = total + collect(system.topology.sides_of(np.stack([a, b], -1)), jnp.concatenate(parts, -1))
+    return total
+
+
+def drag(system: System, placed: Bodies, velocity: BodyRows) -> BodyRows:
+    """Forces against velocity, at a velocity given for every body [N, N m]."""
+    total = jnp.zeros_like(velocity)
+    for group in system.drags:
+        which = group.at()
+        wrench = jax.vmap(lambda e, v: e.wrench(v))(group.here, views(system, placed, velocity, which))
+        rows = jnp.concatenate([wrench.force, apply_transposed(placed.rotation[which], wrench.torque)], -1)
+        total = total + collect(system.topology.sides_of(which[:, None]) // 2, rows)
+    return total
+
+
+def drag_slope(system: System, placed: Bodies, velocity: BodyRows) -> Float[Array, "slots 6 6"]:
+    """d drag / d velocity of the same body: drag acts on one body at a time."""
+
+    def one(direction: Float[Array, "6"]) -> BodyRows:
+        along = jnp.broadcast_to(direction, velocity.shape)
+        return jax.jvp(lambda v: drag(system, placed, v), (velocity,), (along,))[1]
+
+    return jnp.moveaxis(jax.vmap(one)(jnp.eye(6)), 0, -1)
+
+
+def joint_efforts(system: System, q: Float[Array, "joints"]) -> Float[Array, "joints"]:
+    """Efforts along the joints' coordinates that depend on where the joint is [N m or N]."""
+    total = jnp.zeros_like(q)
+    for group in system.efforts:
+        total = total + group.summed(q.shape[0], jax.vmap(lambda e, x: e.effort(x))(group.here, q[group.at()]))
+    return total
+
+
+def strut_lines(
+    system: System, placed: Bodies
+) -> tuple[Float[Array, "struts"], Float[Array, "struts 12"]]:
+    """Length of every strut, and its slope with respect to (Δx, turn) of its first, then second body."""
+    ends = np.array(system.topology.struts, dtype=int).reshape(-1, 2)
+    a, b = ends[:, 0], ends[:, 1]
+    R_WA, R_WB = placed.rotation[a], placed.rotation[b]
+    line = placed.position[b] + apply(R_WB, system.strut_b) - placed.position[a] - apply(R_WA, system.strut_a)
+    length = jnp.sqrt(dot(line, line) + TINY_M**2)
+    u_W = line / length[:, None]
+    turn_a = jnp.cross(system.strut_a, apply_transposed(R_WA, u_W))
+    turn_b = jnp.cross(system.strut_b, apply_transposed(R_WB, u_W))
+    return length, jnp.concatenate([-u_W, -turn_a, u_W, turn_b], -1)
+
+
+def strut_pull(system: System, placed: Bodies) -> BodyRows:
+    """Elastic tension of every strut on its two bodies."""
+    if not system.topology.struts:
+        return jnp.zeros((system.topology.slots, 6))
+    length, slope = strut_lines(system, placed)
+    return collect(system.topology.strut_sides, -strut_tension(system, length)[:, None] * slope)
+
+
+def strut_tension(system: System, length: Float[Array, "struts"]) -> Float[Array, "struts"]:
+    """Pull of every strut [N]; struts stand in the order of their kinds."""
+    tensions, first = [], 0
+    for group in system.struts:
+        count = len(group.places)
+        tensions.append(jax.vmap(lambda e, x: e.tension(x))(group.here, length[first : first + count]))
+        first += count
+    return jnp.concatenate(tensions) if tensions else jnp.zeros(0)
+
+
+def collect(table: np.ndarray, rows: Array) -> BodyRows:
+    """Sum rows of six (one per side of a pair) into the bodies that the table of sides names."""
+    by_side = rows.reshape(-1, 6)
+    return jnp.sum(jnp.concatenate([by_side, jnp.zeros((1, 6))])[table], 1)
+
+
+def _both(group: Placed, system: System) -> tuple[np.ndarray, np.ndarray]:
+    """First and second body of every place; the first fixed body where no second is named."""
+    ground = system.topology.slots
+    pairs = [(p[0], p[1] if len(p) > 1 else ground) for p in group.places]
+    table = np.array(pairs, dtype=int).reshape(-1, 2)
+    return table[:, 0], table[:, 1]

@@ -1,0 +1,106 @@
+"""The six rows of every joint, and how they change when its bodies move."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from backend.frames import quaternion
+from backend.joints.joint import SLIDE, TURN
+from backend.model.state import Pose
+from backend.model.system import System
+from backend.simulate.small import apply, apply_transposed, dot
+
+
+class Bodies(NamedTuple):
+    """Poses of all bodies, fixed ones last, with their rotation matrices."""
+
+    position: Float[Array, "bodies 3"]
+    rotation: Float[Array, "bodies 3 3"]
+
+
+class Rows(NamedTuple):
+    """Joint rows and their Jacobian with respect to (Δx in W, turn in body axes) of body A, then body B.
+
+    value: offset x, y, z in frame A [m]; tilt x, tilt y; sine of the turn about z.
+    """
+
+    value: Float[Array, "joints 6"]
+    jacobian: Float[Array, "joints 6 12"]
+
+
+def bodies(system: System, pose: Pose) -> Bodies:
+    """Moving and fixed bodies in one table."""
+    position = jnp.concatenate([pose.position, system.fixed_position])
+    attitude = jnp.concatenate([pose.quaternion, system.fixed_quaternion])
+    return Bodies(position, quaternion.rotation(attitude))
+
+
+def rows(system: System, placed: Bodies) -> Rows:
+    """All six rows of every joint at these poses, held or not."""
+    a, b = system.pairs.T
+    R_WA, R_WB = placed.rotation[a], placed.rotation[b]
+    F_A, F_B, r_A, r_B = system.axes_a, system.axes_b, system.point_a, system.point_b
+    axes_W = _product(R_WA, F_A)
+    p_AP = apply_transposed(R_WA, placed.position[b] + apply(R_WB, r_B) - placed.position[a])
+    offset = apply_transposed(F_A, p_AP - r_A)
+    x_W, z_W = apply(R_WB, F_B[:, :, 0]), apply(R_WB, F_B[:, :, 2])
+    along_x, along_y = axes_W[:, :, 0], axes_W[:, :, 1]
+    angles = jnp.stack([dot(along_x, z_W), dot(along_y, z_W), dot(along_y, x_W)], -1)
+
+    axes_t = jnp.swapaxes(axes_W, 1, 2)
+    shift = jnp.concatenate(
+        [
+            -axes_t,
+            _product(jnp.swapaxes(F_A, 1, 2), quaternion.skew(p_AP)),
+            axes_t,
+            -_product(_product(axes_t, R_WB), quaternion.skew(r_B)),
+        ],
+        -1,
+    )
+    x_A, z_A = apply_transposed(R_WA, x_W), apply_transposed(R_WA, z_W)
+    x_B, y_B = apply_transposed(R_WB, along_x), apply_transposed(R_WB, along_y)
+    zero = jnp.zeros_like(x_A)
+    turn = jnp.stack(
+        [
+            jnp.concatenate([zero, jnp.cross(F_A[:, :, 0], z_A), zero, jnp.cross(F_B[:, :, 2], x_B)], -1),
+            jnp.concatenate([zero, jnp.cross(F_A[:, :, 1], z_A), zero, jnp.cross(F_B[:, :, 2], y_B)], -1),
+            jnp.concatenate([zero, jnp.cross(F_A[:, :, 1], x_A), zero, jnp.cross(F_B[:, :, 0], y_B)], -1),
+        ],
+        1,
+    )
+    free_turn = system.coordinate_rows[:, TURN]
+    if free_turn.any():
+        # A free turn is measured by increments about the pin, which know no ±90 degrees.
+        pin = jnp.concatenate([zero, -F_A[:, :, 2], zero, F_B[:, :, 2]], -1)
+        turn = turn.at[:, 2].set(jnp.where(free_turn[:, None], pin, turn[:, 2]))
+    return Rows(jnp.concatenate([offset, angles], -1), jnp.concatenate([shift, turn], 1))
+
+
+def turned(system: System, xi: Float[Array, "slots 6"]) -> Float[Array, "joints"]:
+    """Turn of B relative to A about the pin in a step ξ [rad], to third order in the turn."""
+    a, b = system.pairs.T
+    phi = jnp.concatenate([xi[:, 3:], jnp.zeros_like(system.fixed_position)])
+    return dot(system.axes_b[:, :, 2], phi[b]) - dot(system.axes_a[:, :, 2], phi[a])
+
+
+def coordinates(system: System, placed: Bodies) -> Float[Array, "joints"]:
+    """q of every joint: turn in (-π, π] or travel; 0 where a joint has none."""
+    a, b = system.pairs.T
+    R_WA, R_WB = placed.rotation[a], placed.rotation[b]
+    axes_A, axes_B = _product(R_WA, system.axes_a), _product(R_WB, system.axes_b)
+    x_B = axes_B[:, :, 0]
+    turn = jnp.arctan2(dot(axes_A[:, :, 1], x_B), dot(axes_A[:, :, 0], x_B))
+    p_W = placed.position[b] + apply(R_WB, system.point_b) - placed.position[a] - apply(R_WA, system.point_a)
+    travel = dot(axes_A[:, :, 2], p_W)
+    which = system.coordinate_rows
+    return jnp.where(which[:, TURN], turn, 0.0) + jnp.where(which[:, SLIDE], travel, 0.0)
+
+
+def unwrap(system: System, q: Float[Array, "joints"], near: Float[Array, "joints"]) -> Float[Array, "joints"]:
+    """Add whole turns so that turning joints stay near their previous q."""
+    return jnp.where(system.coordinate_rows[:, TURN], q + 2 * jnp.pi * jnp.round((near - q) / (2 * jnp.pi)), q)
+
+
+def _product(a: Float[Array, "n i j"], b: Float[Array, "n j k"]) -> Float[Array, "n i k"]:
+    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], -2)

@@ -1,0 +1,60 @@
+"""The O(n) solve: a block tridiagonal matrix over the levels of the body graph."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from backend.model.topology import Topology
+
+
+class Factor(NamedTuple):
+    """Inverses of the pivots and the couplings of neighbouring levels, n = 6 x width."""
+
+    pivot_inverse: Float[Array, "levels n n"]
+    lower: Float[Array, "levels n n"]
+    upper: Float[Array, "levels n n"]
+
+
+def factor(
+    topology: Topology, bodies: Float[Array, "slots 6 6"], links: Float[Array, "links 12 12"]
+) -> Factor:
+    """Eliminate level by level the matrix with these blocks on bodies and between the bodies of links."""
+    levels, width, n = topology.levels, topology.width, 6 * topology.width
+    blocks = links.reshape(-1, 2, 6, 2, 6).transpose(0, 1, 3, 2, 4).reshape(-1, 6, 6)
+    blocks = jnp.concatenate([blocks, jnp.zeros((1, 6, 6))])
+    diagonal, upper, lower = (
+        jnp.sum(blocks[table], 3).transpose(0, 1, 3, 2, 4).reshape(levels, n, n) for table in topology.blocks
+    )
+    own = bodies.reshape(levels, width, 6, 6)
+    eye = jnp.eye(width)
+    diagonal = diagonal + (own[:, :, :, None, :] * eye[None, :, None, :, None]).reshape(levels, n, n)
+
+    def eliminate(carried: Array, level: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        block, below, above = level
+        inverse = jnp.linalg.inv(block - carried)
+        return below @ (inverse @ above), inverse
+
+    _, pivots = lax.scan(eliminate, jnp.zeros((n, n)), (diagonal, lower, upper))
+    return Factor(pivots, lower, upper)
+
+
+def solve(factored: Factor, rhs: Float[Array, "slots 6"]) -> Float[Array, "slots 6"]:
+    """x with M x = rhs; linear in rhs, so that JAX can transpose it."""
+    levels, n, _ = factored.pivot_inverse.shape
+
+    def forward(carried: Array, level: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        inverse, below, right = level
+        t = inverse @ (right - carried)
+        return below @ t, t
+
+    def backward(after: Array, level: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        inverse, above, t = level
+        x = t - inverse @ (above @ after)
+        return x, x
+
+    zero = jnp.zeros(n)
+    _, reduced = lax.scan(forward, zero, (factored.pivot_inverse, factored.lower, rhs.reshape(levels, n)))
+    _, x = lax.scan(backward, zero, (factored.pivot_inverse, factored.upper, reduced), reverse=True)
+    return x.reshape(-1, 6)

@@ -1,0 +1,80 @@
+"""Known drives of a motion: recorded values that replace an effect's parameter step by step."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from backend.model.model import Address, Model
+from backend.model.placed import Placed
+from backend.model.system import System
+
+
+class Record(eqx.Module):
+    """Drive values for every step; column i belongs to addresses[i]."""
+
+    values: Float[Array, "steps drives"]
+    addresses: tuple[Address, ...] = eqx.field(static=True)
+
+    def apply(self, system: System, now: Float[Array, "drives"]) -> System:
+        """The system with its driven parameters at this step's values."""
+        for (effect, name), value in zip(self.addresses, now, strict=True):
+            system = _with_value(system, effect, name, value)
+        return system
+
+
+def on_steps(
+    model: Model,
+    series: Sequence[tuple[Address, Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]],
+    step_s: float,
+    steps: int,
+    start_s: float = 0.0,
+) -> Record:
+    """Recorded drives (address, times [s], values; zero-order hold) on the steps of a rollout.
+
+    A force acts at a node for the step around it, so it enters as its mean over that step: no impulse of a coarse
+    or uneven record is lost.  A prescribed path enters as its value at the step's end.
+
+    Raises ValueError naming an effect or parameter that takes no record.
+    """
+    nodes = start_s + step_s * np.arange(steps + 1)
+    columns = []
+    for (effect, name), times, values in series:
+        row = model.parameters.get((effect, name))
+        if row is None or row.declaration.drive is None:
+            takes = [f"{e}.{p}" for (e, p), r in model.parameters.items() if r.declaration.drive]
+            raise ValueError(f"'{effect}.{name}' takes no recorded input; inputs here: {', '.join(takes) or 'none'}")
+        if row.declaration.drive == "end":
+            columns.append(held_value(times, values, nodes + step_s))
+        else:
+            columns.append(mean_value(times, values, nodes - 0.5 * step_s, nodes + 0.5 * step_s))
+    return Record(np.stack(columns, -1), tuple(address for address, _, _ in series))
+
+
+def held_value(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Value of a zero-order hold; the first value before the record starts."""
+    return values[np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(values) - 1)]
+
+
+def mean_value(times: np.ndarray, values: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Mean of a zero-order hold over intervals."""
+    area = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(times))])
+
+    def total(at: np.ndarray) -> np.ndarray:
+        index = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(values) - 1)
+        return area[index] + values[index] * (at - times[index])
+
+    return (total(end) - total(start)) / (end - start)
+
+
+def _with_value(system: System, effect: str, name: str, value: Array) -> System:
+    for field in ("forces", "efforts", "motions"):
+        groups: tuple[Placed, ...] = getattr(system, field)
+        for index, group in enumerate(groups):
+            if effect in group.ids and name in group.effect.declarations():
+                leaf = getattr(group.effect, name).at[group.ids.index(effect)].set(value)
+                return eqx.tree_at(
+                    lambda s, f=field, i=index: getattr(getattr(s, f)[i].effect, name), system, leaf
+                )
+    raise KeyError(f"'{effect}.{name}' is not a drive of this system")
