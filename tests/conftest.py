@@ -1,0 +1,26 @@
+"""What every test shares: float64, one thread per worker, and the measurements of real rigs."""
+
+import os
+from pathlib import Path
+
+# Read when jax starts, so nothing is imported here: a test of the drawing stays free of jax.
+os.environ["JAX_ENABLE_X64"] = "1"
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+# Two workers share the cores; threads inside each would only fight.
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(threads, "1")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Folder of the real studies; skips where it is absent, since the measurements are not ours to ship."""
+    folder = Path(os.environ.get("LINKTWIN_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no measurements of real rigs at {folder}: set LINKTWIN_DATA to their folder")
+    return folder
