@@ -17,7 +17,7 @@ TRIANGLE_TOLERANCE = (
 
 
 class Inertia(Part):
-    """Inertia about the centre of mass, in body axes [kg m²]; products are tensor entries (xy = -∫ x y dm)."""
+    """Inertia about the centre of mass, in body axes [kg m²]; products are entries (xy = -∫ x y dm)."""
 
     xx: float
     yy: float

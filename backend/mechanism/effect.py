@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field
 
 from backend.mechanism.drawing_error import known
 from backend.mechanism.kinds import EffectKind, ParameterSpec, effect_kinds
@@ -56,7 +56,7 @@ class Effect(Part):
     id: Id
     kind: Id
     on: Places
-    parameters: dict[str, ParameterValue] = {}
+    parameters: dict[str, ParameterValue] = Field(default_factory=dict)
 
 
 def kind_named(kind: str) -> EffectKind:
@@ -134,7 +134,7 @@ def _joint_type_faults(
             name = bound[0].name
             others = [spec.name for spec in kind.parameters.values() if spec.suits(joint_type)]
             faults.append(
-                f'{name} does not suit joint "{joint_id}", which is {joint_type}; give it an effect of its own '
+                f'{name} does not suit joint "{joint_id}", which is {joint_type}; give it its own effect '
                 f"with {' or '.join(others)}"
             )
     return faults

@@ -1,7 +1,7 @@
 """The vocabulary of effects: which kinds there are, where they act, and what their parameters may be.
 
-`effect_kinds.json` is generated from the effects' own declarations; `reserved_kinds.json` holds the kinds of the
-file format that cannot be simulated yet. Both are data, so that reading a drawing needs no numerical library.
+`effect_kinds.json` is generated from the effects' own declarations; `reserved_kinds.json` holds the kinds of
+the file format that cannot be simulated yet. Both are data, so that reading a drawing loads no solver.
 """
 
 from __future__ import annotations

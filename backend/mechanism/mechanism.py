@@ -33,8 +33,9 @@ class Provenance(Part):
 class Mechanism(Part):
     """A drawing; see docs/mechanism.md for its frames and units.
 
-    Joints form a flat list, so closed loops need no parent and no child. Construction checks the whole and raises
-    ValueError (DrawingError when read from a file) with every dangling id, duplicate and unsuitable parameter.
+    Joints form a flat list, so closed loops need no parent and no child. Construction checks the whole and
+    raises ValueError (DrawingError when read from a file) with every dangling id, duplicate and unsuitable
+    parameter.
     """
 
     schema_version: Literal["1.0"] = "1.0"

@@ -18,7 +18,8 @@ def _unit(quaternion: tuple[float, float, float, float]) -> tuple[float, float, 
     norm = math.hypot(*quaternion)
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise ValueError(
-            f"has norm {norm:.9g}, not 1; a rotation is a unit quaternion [w, x, y, z]: divide all four by the norm"
+            f"has norm {norm:.9g}, not 1; a rotation is a unit quaternion [w, x, y, z]: "
+            "divide all four by the norm"
         )
     if abs(norm - 1.0) <= ROUNDING:
         return quaternion

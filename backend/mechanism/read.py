@@ -161,7 +161,8 @@ def _load(path: Path) -> Any:
     try:
         if (size := path.stat().st_size) > LARGEST_BYTES:
             raise DrawingError(
-                f"is {size / 2**20:.0f} MB, above the limit of {LARGEST_BYTES // 2**20} MB; keep meshes in their own files",
+                f"is {size / 2**20:.0f} MB, above the limit of {LARGEST_BYTES // 2**20} MB; "
+                "keep meshes in their own files",
                 source,
             )
         text = path.read_bytes().decode("utf-8-sig")

@@ -73,7 +73,8 @@ def _fault(record: Any) -> str:
         case "missing":
             return "is missing; add it, docs/mechanism.md says what it means"
         case "extra_forbidden":
-            return f"is a field unknown to version 1.0 (its value is {_shown(value)}); check its spelling, or remove it"
+            known_to = "a field unknown to version 1.0"
+            return f"is {known_to} (its value is {_shown(value)}); check its spelling, or remove it"
         case "finite_number":
             return f"is {value!r}; every number must be finite"
         case "float_type":

@@ -43,7 +43,7 @@ class ExperimentFile(Part):
     joint_efforts: Id | None = None
     video: Id | None = None
     release: Release
-    overrides: dict[str, dict[str, ParameterValue]] = {}
+    overrides: dict[str, dict[str, ParameterValue]] = Field(default_factory=dict)
 
 
 class Tolerance(Part):
@@ -67,7 +67,8 @@ class StudyFile(Part):
 class Experiment:
     """One experiment with its tables loaded; a table that was not recorded is None.
 
-    tracks: time_s, marker, x_m, y_m, z_m, sigma_m and what else the tracker wrote (world frame; NaN: not measured).
+    tracks: time_s, marker, x_m, y_m, z_m, sigma_m and what else the tracker wrote (world frame; NaN: not
+    measured).
     joint_positions: time_s, joint, q, sigma [rad or m].
     inputs: time_s, effect, parameter, value, held until the next row of the same effect and parameter.
     joint_efforts: time_s, joint, effort, sigma [N m or N].

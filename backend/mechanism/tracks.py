@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +24,11 @@ SHOWN = 5  # faults listed of one kind; a column of text would otherwise fill th
 
 @dataclass(frozen=True)
 class TableFormat:
-    """Columns of one kind of table. keys: whose time runs forward. sigma: where the noise stands, may be left out."""
+    """Columns of one kind of table.
+
+    keys: whose time runs forward. finite: what every row must give. sigma: the column of the noise;
+    it and the extra ones may be left out.
+    """
 
     keys: tuple[str, ...]
     text: tuple[str, ...]
@@ -185,8 +189,7 @@ def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
 
 def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
     effects = {effect.id: effect for effect in mechanism.effects}
-    pairs = np.array(list(zip(table["effect"], table["parameter"], strict=True)) + [None], dtype=object)[:-1]
-    for (effect, parameter), row in _first_rows(pairs):
+    for (effect, parameter), row in _first_rows(zip(table["effect"], table["parameter"], strict=True)):
         if effect not in effects:
             yield f'row {row}: effect "{effect}" is not drawn; rename it or draw it. {known(effects)}'
             continue
@@ -195,7 +198,7 @@ def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]
         if spec is None:
             yield f'row {row}: parameter "{parameter}" is unknown to {kind.name}. {known(kind.parameters)}'
         elif spec.size > 1:
-            yield f"row {row}: {parameter} is a list of {spec.size} and cannot be driven; drive a single number"
+            yield f"row {row}: {parameter} is a list of {spec.size} and cannot be driven; drive a number"
         else:
             rows = np.flatnonzero((table["effect"] == effect) & (table["parameter"] == parameter))
             values = table["value"][rows]
@@ -205,10 +208,11 @@ def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]
             )
             for at in rows[wrong][:1]:
                 bounds = f"{'-inf' if low is None else low} to {'inf' if high is None else high}"
-                yield f"row {at + 2}: {parameter} is {table['value'][at]:g}, outside its bounds {bounds}; correct it"
+                value = f"{table['value'][at]:g}"
+                yield f"row {at + 2}: {parameter} is {value}, outside its bounds {bounds}; correct it"
 
 
-def _first_rows(names: np.ndarray) -> Iterator[tuple[Any, int]]:
+def _first_rows(names: Iterable[Any]) -> Iterator[tuple[Any, int]]:
     seen: dict[Any, int] = {}
     for row, name in enumerate(names, start=2):
         seen.setdefault(name, row)
@@ -226,8 +230,8 @@ def _sigma(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
     if form.sigma is not None:
         for row in np.flatnonzero(table[form.sigma] <= 0.0):
             yield (
-                f"row {row + 2}: {form.sigma} is {table[form.sigma][row]:g}; a standard deviation is above zero: "
-                "leave it empty to have it estimated"
+                f"row {row + 2}: {form.sigma} is {table[form.sigma][row]:g}; a standard deviation is "
+                "above zero: leave it empty to have it estimated"
             )
 
 
@@ -238,7 +242,8 @@ def _order(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
         last = before.get(key)
         if last is not None and time <= last:
             what = "is repeated" if time == last else f"runs backwards from {last:g} s"
-            yield f'row {row}: time_s {time:g} s {what} for {form.keys[0]} "{key[0]}"; sort by time, one row per sample'
+            whose = f'{form.keys[0]} "{key[0]}"'
+            yield f"row {row}: time_s {time:g} s {what} for {whose}; sort by time, one row per sample"
         before[key] = time
 
 

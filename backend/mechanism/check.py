@@ -1,0 +1,69 @@
+"""The report of a drawing's graph, for people and for programs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from backend.mechanism.graph import GraphReport
+
+
+def check_json(report: GraphReport) -> dict[str, Any]:
+    """The report as plain data, ready for JSON."""
+    return {"ok": report.ok, **report.model_dump(mode="json")}
+
+
+def check_text(report: GraphReport) -> str:
+    """The report in a screenful of sentences."""
+    joints = ", ".join(f"{count} {type}" for type, count in sorted(report.joints.items())) or "none"
+    lines = [
+        f"{report.name}: {_many(report.moving_bodies, 'moving body', 'moving bodies')}, "
+        f"{_many(report.fixed_bodies, 'fixed body', 'fixed bodies')}, joints: {joints}; "
+        f"{_many(report.effects, 'effect')}, {_many(report.markers, 'marker')}",
+        f"loops     {len(report.loops)}" + (": " + _few(_loop_names(report)) if report.loops else ""),
+        f"mobility  {_mobility(report)}",
+        f"redundant {_redundant(report)}",
+        f"closure   {_closure(report)}",
+    ]
+    lines += [f"error: {text}" for text in report.errors]
+    lines += [f"warning: {text}" for text in report.warnings]
+    return "\n".join(lines)
+
+
+def _many(count: int, one: str, many: str = "") -> str:
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def _few(names: list[str], shown: int = 6) -> str:
+    rest = len(names) - shown
+    return ", ".join(names[:shown]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def _loop_names(report: GraphReport) -> list[str]:
+    return ["-".join(loop.joints) for loop in report.loops]
+
+
+def _mobility(report: GraphReport) -> str:
+    mobility = report.mobility
+    plane = mobility.by_count_in_plane
+    counted = f"{mobility.by_count_in_space} by count in space (Kutzbach)"
+    if plane is not None:
+        counted = f"{plane} by count in the plane (Grübler), {counted}"
+    return f"{mobility.by_rank} by rank at the {mobility.pose} pose; {counted}"
+
+
+def _redundant(report: GraphReport) -> str:
+    mobility = report.mobility
+    if not mobility.redundant_rows:
+        return f"none of {mobility.rows} constraint rows"
+    named = _few([f"{joint} {count}" for joint, count in mobility.redundant_by_joint.items()])
+    return f"{mobility.redundant_rows} of {mobility.rows} constraint rows, at {named}"
+
+
+def _closure(report: GraphReport) -> str:
+    if not report.closure:
+        return "no joints"
+    gap = max(report.closure, key=lambda joint: joint.gap_mm)
+    turn = max(report.closure, key=lambda joint: joint.turn_deg)
+    state = "all joints meet" if report.closes else "the joints do not meet"
+    most = f"{gap.gap_mm:.3g} mm ({gap.joint}) and {turn.turn_deg:.3g} deg ({turn.joint})"
+    return f"{state}; as drawn at most {most}"

@@ -1,0 +1,251 @@
+"""The facts of a drawing's graph: loops, mobility, redundancy, closure, and what is wrong with it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from backend.mechanism.closure import (
+    CLOSED_M,
+    CLOSED_RAD,
+    OPEN_RAD,
+    OPEN_SHARE,
+    Assembly,
+    assemble,
+    gaps,
+    too_long,
+)
+from backend.mechanism.constraints import JointGap, Placement, body_index, drawn, size_m
+from backend.mechanism.joint import Joint
+from backend.mechanism.kinds import effect_kinds
+from backend.mechanism.loops import Connectivity, connectivity
+from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.mobility import (
+    count_in_plane,
+    count_in_space,
+    plane_normal,
+    rank_at,
+    redundant_by_joint,
+)
+from backend.mechanism.part import Part
+
+
+class LoopReport(Part):
+    """`joints[i]` connects `bodies[i]` to the next body, the last one back to the first."""
+
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+
+
+class Closure(Part):
+    """How far a joint's two frames are apart as drawn, in the directions that its type holds.
+
+    q: where the joint stands as drawn [rad, or m for `prismatic`]; null for types with more than one freedom.
+    """
+
+    joint: str
+    gap_mm: float
+    turn_deg: float
+    q: float | None
+
+
+class MobilityReport(Part):
+    """Freedoms by count in space (Kutzbach), in the plane (Grübler; null when not planar), and by rank.
+
+    pose: where the rank was taken: as drawn, or as assembled. spectrum_gap: singular value kept over singular
+    value dropped at the cut (null when none was dropped or the dropped one is exactly zero).
+    """
+
+    by_count_in_space: int
+    by_count_in_plane: int | None
+    by_rank: int
+    rank: int
+    rows: int
+    redundant_rows: int
+    redundant_by_joint: dict[str, int]
+    pose: Literal["drawn", "assembled"]
+    threshold: float
+    spectrum_gap: float | None
+
+
+class GraphReport(Part):
+    """What `linktwin check` tells about a drawing that could be read."""
+
+    name: str
+    moving_bodies: int
+    fixed_bodies: int
+    joints: dict[str, int]
+    effects: int
+    markers: int
+    size_mm: float
+    loops: tuple[LoopReport, ...]
+    mobility: MobilityReport
+    closure: tuple[Closure, ...]
+    closes: bool
+    floating: tuple[tuple[str, ...], ...]
+    errors: Annotated[tuple[str, ...], Field(description="the mechanism cannot be built as drawn")] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether the drawing can be assembled and simulated."""
+        return not self.errors
+
+
+def describe(mechanism: Mechanism) -> GraphReport:
+    """Loops, mobility by count and by rank, redundant rows, closure error, and what stands out."""
+    graph = connectivity(mechanism)
+    length = size_m(mechanism)
+    joints = _tree_first(mechanism, graph)
+    at_drawing = drawn(mechanism)
+    opened = gaps(mechanism, at_drawing)
+    assembly = assemble(mechanism, joints, length)
+    moved = assembly.closed and not _all_closed(opened)
+    placement = assembly.placement if assembly.closed else at_drawing
+    normal = plane_normal(joints, _axes(mechanism, joints, placement))
+    rank = rank_at(mechanism, joints, placement, length)
+    errors, warnings = _closure_findings(mechanism, graph, opened, assembly, normal, length)
+    warnings += _graph_findings(mechanism, graph) + _part_findings(mechanism, opened)
+    if mechanism.provenance is not None:
+        warnings += [f"the exporter says: {text}" for text in mechanism.provenance.warnings]
+    return GraphReport(
+        name=mechanism.name,
+        moving_bodies=len(mechanism.moving_bodies()),
+        fixed_bodies=len(mechanism.bodies) - len(mechanism.moving_bodies()),
+        joints=dict(Counter(joint.type for joint in mechanism.joints)),
+        effects=len(mechanism.effects),
+        markers=len(mechanism.markers),
+        size_mm=1e3 * length,
+        loops=tuple(LoopReport(bodies=loop.bodies, joints=loop.joints) for loop in graph.loops),
+        mobility=MobilityReport(
+            by_count_in_space=count_in_space(mechanism, joints),
+            by_count_in_plane=None if normal is None else count_in_plane(mechanism, joints),
+            by_rank=rank.mobility,
+            rank=rank.rank,
+            rows=rank.rows,
+            redundant_rows=rank.redundant,
+            redundant_by_joint=redundant_by_joint(mechanism, joints, placement, length, rank),
+            pose="assembled" if moved else "drawn",
+            threshold=rank.threshold,
+            spectrum_gap=rank.gap if np.isfinite(rank.gap) else None,
+        ),
+        closure=tuple(_closure(joint, opened[joint.id]) for joint in mechanism.joints),
+        closes=assembly.closed,
+        floating=graph.floating,
+        errors=tuple(errors),
+        warnings=tuple(warnings),
+    )
+
+
+def _tree_first(mechanism: Mechanism, graph: Connectivity) -> list[Joint]:
+    """The joints that bind something, the spanning tree first, so that redundancy is told of the loops."""
+    by_id = {joint.id: joint for joint in mechanism.joints}
+    rest = [id for id in by_id if id not in graph.tree and id not in graph.idle]
+    return [by_id[id] for id in (*graph.tree, *rest)]
+
+
+def _axes(mechanism: Mechanism, joints: list[Joint], placement: Placement) -> np.ndarray:
+    index = body_index(mechanism)
+    axes = [placement.rotations[index[joint.body_a]] @ joint.frame_a.rotation()[:, 2] for joint in joints]
+    return np.array(axes).reshape(-1, 3)
+
+
+def _closure(joint: Joint, found: JointGap) -> Closure:
+    return Closure(
+        joint=joint.id,
+        gap_mm=1e3 * float(np.linalg.norm(found.gap)),
+        turn_deg=float(np.degrees(np.linalg.norm(found.turn))),
+        q=found.q if joint.type in ("revolute", "prismatic") else None,
+    )
+
+
+def _all_closed(found: dict[str, JointGap]) -> bool:
+    return all(
+        np.linalg.norm(gap.gap) <= CLOSED_M and np.linalg.norm(gap.turn) <= CLOSED_RAD
+        for gap in found.values()
+    )
+
+
+def _apart(found: JointGap) -> str:
+    return f"{1e3 * np.linalg.norm(found.gap):.4g} mm and {np.degrees(np.linalg.norm(found.turn)):.3g} deg"
+
+
+def _closure_findings(
+    mechanism: Mechanism,
+    graph: Connectivity,
+    opened: dict[str, JointGap],
+    assembly: Assembly,
+    normal: np.ndarray | None,
+    length: float,
+) -> tuple[list[str], list[str]]:
+    """Errors and warnings about joints that do not meet as drawn."""
+    impossible = [sentence for loop in graph.loops if (sentence := too_long(mechanism, loop, normal))]
+    if _all_closed(opened):
+        return [], []
+    limit_m = OPEN_SHARE * length
+    worst = max(
+        opened, key=lambda id: np.linalg.norm(opened[id].gap) / length + np.linalg.norm(opened[id].turn)
+    )
+    loop = next((loop for loop in graph.loops if worst in loop.joints), None)
+    where = f'joint "{worst}"' + (f" of loop {'-'.join(loop.joints)}" if loop else "")
+    apart = f"{where}: its two frames are drawn {_apart(opened[worst])} apart"
+    limits = f"{1e3 * limit_m:.3g} mm (5% of the size) and {np.degrees(OPEN_RAD):g} deg"
+    if not assembly.closed:
+        if impossible:
+            return impossible, []
+        return [f"{apart}, and no nearby pose closes all joints; check its frames and the pin spacing"], []
+    rough = any(
+        np.linalg.norm(gap.gap) > limit_m or np.linalg.norm(gap.turn) > OPEN_RAD for gap in opened.values()
+    )
+    if rough:
+        return [
+            f"{apart}, more than {limits}; draw the bodies closer to the pose in which the joints meet"
+        ], []
+    return [], [f"{apart}; assembly closes it by shifting bodies up to {1e3 * assembly.moved_m:.4g} mm"]
+
+
+def _graph_findings(mechanism: Mechanism, graph: Connectivity) -> list[str]:
+    found = [
+        f"bodies {', '.join(group)} are tied to nothing fixed and will fall freely; "
+        "add a joint if that is not meant"
+        for group in graph.floating
+    ]
+    return found + [
+        f'joint "{id}" connects two fixed bodies and does nothing; remove it, or let one of them move'
+        for id in graph.idle
+    ]
+
+
+def _part_findings(mechanism: Mechanism, opened: dict[str, JointGap]) -> list[str]:
+    found = []
+    for joint in mechanism.joints:
+        if (limits := joint.limits) is not None and joint.type in ("revolute", "prismatic"):
+            q, unit = opened[joint.id].q, "m" if joint.type == "prismatic" else "rad"
+            low = -np.inf if limits.lower is None else limits.lower
+            high = np.inf if limits.upper is None else limits.upper
+            if not low - 1e-9 <= q <= high + 1e-9:
+                found.append(
+                    f'joint "{joint.id}" is drawn at {q:.4g} {unit}, outside its limits {low:g} to {high:g}; '
+                    "correct the limits or the pose"
+                )
+        if (
+            (fit := joint.fit) is not None
+            and fit.pin_diameter_m
+            and fit.hole_diameter_m
+            and fit.radial_clearance_m
+        ):
+            half = 0.5 * (fit.hole_diameter_m - fit.pin_diameter_m)
+            if abs(half - fit.radial_clearance_m) > 1e-3 * fit.radial_clearance_m + 1e-9:
+                found.append(
+                    f'joint "{joint.id}": radial_clearance_m is {1e3 * fit.radial_clearance_m:.4g} mm, but '
+                    f"hole and pin leave {1e3 * half:.4g} mm; the former is used: correct one of them"
+                )
+    kinds = effect_kinds()
+    return found + [
+        f'effect "{effect.id}": {effect.kind} is read but not simulated yet; remove it to simulate without it'
+        for effect in mechanism.effects
+        if not kinds[effect.kind].simulated
+    ]
