@@ -1,0 +1,155 @@
+"""Small mechanisms written by hand, as mechanism.json documents."""
+
+import numpy as np
+
+REST = {"position_m": [0.0, 0.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+GROUND = {"id": "ground", "fixed": True, "pose": REST}
+
+
+def about_z(angle):
+    return np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
+
+
+def turned(q, v):
+    w, u = q[0], np.asarray(q[1:])
+    return np.asarray(v) + 2 * np.cross(u, np.cross(u, v) + w * np.asarray(v))
+
+
+def times(p, q):
+    return np.array([p[0] * q[0] - p[1:] @ q[1:], *(p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:]))])
+
+
+def body(id, p, q, mass, com, moments):
+    xx, yy, zz = moments
+    return {
+        "id": id,
+        "fixed": False,
+        "pose": {"position_m": list(map(float, p)), "quaternion_wxyz": list(map(float, q))},
+        "inertial": {
+            "mass_kg": mass,
+            "center_of_mass_m": list(map(float, com)),
+            "inertia_kg_m2": {"xx": xx, "yy": yy, "zz": zz, "xy": 0.0, "xz": 0.0, "yz": 0.0},
+        },
+    }
+
+
+def bar(id, start, end, mass=None, width=0.01):
+    """A flat bar in the xy plane; its frame is at `start`, x towards `end`, so that its centre is off the frame."""
+    d = np.subtract(end, start)
+    length = float(np.linalg.norm(d))
+    mass = 0.3 * length if mass is None else mass
+    square = mass / 12
+    moments = (2 * width**2 * square, (length**2 + width**2) * square, (length**2 + width**2) * square)
+    return body(id, [*start, 0.0], about_z(np.arctan2(d[1], d[0])), mass, (length / 2, 0.0, 0.0), moments)
+
+
+def frame_in(body, p_W, q_W):
+    q = np.array(body["pose"]["quaternion_wxyz"])
+    back = q * [1, -1, -1, -1]
+    p = turned(back, np.subtract(p_W, body["pose"]["position_m"]))
+    return {"position_m": p.tolist(), "quaternion_wxyz": times(back, np.asarray(q_W, float)).tolist()}
+
+
+def joint(id, a, b, p_W, q_W=(1.0, 0.0, 0.0, 0.0), type="revolute"):
+    return {
+        "id": id,
+        "type": type,
+        "body_a": a["id"],
+        "body_b": b["id"],
+        "frame_a": frame_in(a, p_W, q_W),
+        "frame_b": frame_in(b, p_W, q_W),
+    }
+
+
+def mechanism(bodies, joints, effects=(), markers=(), gravity=(0.0, -9.81, 0.0)):
+    return {
+        "schema_version": "1.0",
+        "name": "by hand",
+        "gravity_m_per_s2": list(gravity),
+        "bodies": [GROUND, *bodies],
+        "joints": list(joints),
+        "effects": list(effects),
+        "markers": list(markers),
+    }
+
+
+def effect(id, kind, on, **parameters):
+    return {"id": id, "kind": kind, "on": on, "parameters": parameters}
+
+
+def pendulum(angle=0.0, length=0.2, mass=0.1, effects=()):
+    """Hanging straight down at q = 0 of the bar, drawn at `angle` from there."""
+    down = -np.pi / 2 + angle
+    link = bar("link", (0.0, 0.0), (length * np.cos(down), length * np.sin(down)), mass)
+    tip = {"id": "tip", "body": "link", "position_m": [length, 0.0, 0.0]}
+    return mechanism([link], [joint("j", GROUND, link, (0, 0, 0))], effects, [tip])
+
+
+def double_pendulum():
+    upper, lower = bar("upper", (0.0, 0.0), (0.2, 0.0), 0.1), bar("lower", (0.2, 0.0), (0.4, 0.0), 0.1)
+    return mechanism(
+        [upper, lower], [joint("j1", GROUND, upper, (0, 0, 0)), joint("j2", upper, lower, (0.2, 0, 0))]
+    )
+
+
+def fourbar(effects=()):
+    P = [(0.0, 0.0), (0.05, 0.12), (0.28, 0.2), (0.25, 0.0)]
+    crank, coupler, rocker = (bar(id, P[i], P[i + 1]) for i, id in enumerate(("crank", "coupler", "rocker")))
+    pairs = [(GROUND, crank), (crank, coupler), (coupler, rocker), (rocker, GROUND)]
+    return mechanism(
+        [crank, coupler, rocker],
+        [joint(f"j{i + 1}", a, b, (*P[i], 0.0)) for i, (a, b) in enumerate(pairs)],
+        effects,
+    )
+
+
+SLIDE_X = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)  # z of the frame along x of W
+
+
+def slider_crank(crank_m=0.05, rod_m=0.15, angle=1.0, effects=()):
+    pin = np.array([crank_m * np.cos(angle), crank_m * np.sin(angle)])
+    end = np.array([pin[0] + np.sqrt(rod_m**2 - pin[1] ** 2), 0.0])
+    crank, rod = bar("crank", (0.0, 0.0), pin), bar("rod", pin, end)
+    slider = body("slider", (*end, 0.0), (1.0, 0.0, 0.0, 0.0), 0.1, (0, 0, 0), (1e-5, 1e-5, 1e-5))
+    return mechanism(
+        [crank, rod, slider],
+        [
+            joint("j1", GROUND, crank, (0, 0, 0)),
+            joint("j2", crank, rod, (*pin, 0)),
+            joint("j3", rod, slider, (*end, 0)),
+            joint("slide", GROUND, slider, (0, 0, 0), SLIDE_X, "prismatic"),
+        ],
+        effects,
+    )
+
+
+def scissor(cells, stiffness=50.0, effects=(), gravity=(0.0, 0.0, -9.81)):
+    """Cells of two crossed 0.2 m bars along x, opened by a spring in the first; gravity along the pins."""
+    half, angle = 0.1, 0.6
+    c, s = half * np.cos(angle), half * np.sin(angle)
+    bodies, joints = [], []
+    for i in range(cells):
+        x = 2 * c * i
+        rising = bar(f"a{i}", (x, -s), (x + 2 * c, s), 0.05)
+        falling = bar(f"b{i}", (x, s), (x + 2 * c, -s), 0.05)
+        joints.append(joint(f"centre{i}", rising, falling, (x + c, 0, 0)))
+        if i:
+            joints.append(joint(f"top{i}", bodies[-2], falling, (x, s, 0)))
+            joints.append(joint(f"bottom{i}", bodies[-1], rising, (x, -s, 0)))
+        bodies += [rising, falling]
+    joints.append(joint("root", GROUND, bodies[0], (0, -s, 0)))
+    spring = effect(
+        "spring",
+        "extension_spring",
+        ["a0", "b0"],
+        anchor_a_m=[0.0, 0.0, 0.0],
+        anchor_b_m=[0.0, 0.0, 0.0],
+        stiffness_n_per_m=stiffness,
+        free_length_m=1.5 * s,  # it swings back before the bars lie flat
+    )
+    return mechanism(bodies, joints, [spring, *effects], gravity=gravity)
+
+
+def sliding_mass(speed_axis=SLIDE_X, effects=(), gravity=(0.0, 0.0, -9.81)):
+    mass = body("mass", (0, 0, 0), (1.0, 0.0, 0.0, 0.0), 0.5, (0.01, 0.0, 0.0), (1e-4, 1e-4, 1e-4))
+    return mechanism([mass], [joint("slide", GROUND, mass, (0, 0, 0), speed_axis, "prismatic")], effects, (), gravity)
