@@ -32,6 +32,7 @@ from backend.model.topology import Topology
 
 COMPLIANCE = 5e-11  # of a joint row, times the mass it holds [1]: 1e-14 brings self-stress, 1e-7 gives way
 STICK_RATE = 1e-4  # below this rate [rad/s, or mechanism lengths/s] dry friction holds rather than slides
+TOLERANCE = 1e-10  # error of a step's displacement, in mechanism lengths
 BARRIER = 1e-8  # energy [mechanism weight x length] that a stop spends to stay open
 
 
@@ -69,6 +70,7 @@ class System(eqx.Module):
     stop_ends: Float[Array, "stops 2"]
     stick_rate: Float[Array, "joints"]
     barrier: Float[Array, ""]
+    tolerance: float = eqx.field(static=True)
     strut_a: Float[Array, "struts 3"]
     strut_b: Float[Array, "struts 3"]
     strut_damping: Float[Array, "struts"]
@@ -104,8 +106,11 @@ class System(eqx.Module):
         return jnp.einsum("nij,nj->ni", self.stretch[body], p_BP) - self.center_of_mass[body]
 
 
-def system(model: Model) -> System:
-    """Apply the errors of the drawing, then add up what acts at each joint."""
+def system(model: Model, tolerance: float = TOLERANCE) -> System:
+    """Apply the errors of the drawing, then add up what acts at each joint.
+
+    tolerance: error of a step's displacement, in mechanism lengths, at which Newton's method stops.
+    """
     topology, drawing = model.topology, redraw(model)
     joints = len(topology.joint_ids)
     motions = model.of(AbstractJointMotion)
@@ -144,6 +149,7 @@ def system(model: Model) -> System:
         stop_ends=_stop_ends(model.of(AbstractJointStop), stops, joints),
         stick_rate=STICK_RATE * jnp.where(sliding, scale.length_m, 1.0),
         barrier=jnp.asarray(BARRIER * scale.mass_kg * scale.gravity_m_per_s2 * scale.length_m),
+        tolerance=tolerance,
         strut_a=jnp.zeros((len(topology.struts), 3)),
         strut_b=jnp.zeros((len(topology.struts), 3)),
         strut_damping=_joined([jax.vmap(lambda e: e.damping())(p.here) for p in struts], (0,)),
@@ -185,13 +191,13 @@ def _compliance(made: System, pairs: np.ndarray, point_a: Array, point_b: Array)
     loses its momentum in rounding.
     """
     slots = made.topology.slots
-    gyration = jnp.sqrt(jnp.trace(made.inertia, axis1=1, axis2=2) / (3 * made.mass))
-    mass = jnp.append(made.mass, jnp.nan)[np.minimum(pairs, slots)]
-    radius = jnp.append(gyration, jnp.nan)[np.minimum(pairs, slots)]
-    reach = jnp.stack([jnp.linalg.norm(point_a, axis=-1), jnp.linalg.norm(point_b, axis=-1)], -1)
+    gyration_square = jnp.trace(made.inertia, axis1=1, axis2=2) / (3 * made.mass)
+    mass = jnp.append(made.mass, 1.0)[np.minimum(pairs, slots)]
+    square = jnp.append(gyration_square, 1.0)[np.minimum(pairs, slots)]
+    square = square + jnp.stack([jnp.sum(point_a**2, -1), jnp.sum(point_b**2, -1)], -1)
     moving = pairs < slots
     mean_mass = jnp.exp(_mean_where(moving, jnp.log(mass)))
-    mean_square = _mean_where(moving, radius**2 + reach**2)
+    mean_square = _mean_where(moving, square)
     linear = COMPLIANCE / mean_mass
     return jnp.concatenate([jnp.tile(linear[:, None], 3), jnp.tile((linear / mean_square)[:, None], 3)], -1)
 

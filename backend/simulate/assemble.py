@@ -1,0 +1,254 @@
+"""Close the joints of a mechanism whose parts stand only about right, and find the ways it can move."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from backend.frames.quaternion import tangent_map
+from backend.model.state import Pose, Start
+from backend.model.system import System
+from backend.simulate import forces, kinematics, linear
+from backend.simulate.momentum import BodyRows, instantaneous
+
+MAX_ITERATIONS = 30
+CLOSED = 1e-12  # rows of a closed joint, in mechanism lengths: 100 times rounding
+NULL_FALLBACK = 1e-7  # relative singular value that counts as zero where the spectrum shows no gap
+
+
+class Gap(NamedTuple):
+    """How far the joints are from closed, and which of them is the worst."""
+
+    joint: str
+    offset_m: float
+    tilt_rad: float
+
+
+class Correction(NamedTuple):
+    """Increment from the reference pose, and the impulses that close the joints."""
+
+    xi: BodyRows
+    push: Float[Array, "joints 6"]
+
+
+def closed(system: System, reference: Pose, moved: BodyRows | None = None) -> Pose:
+    """The closed pose nearest to a reference moved by ξ = `moved`.
+
+    The correction acts along the joints' rows at the reference, weighed by mass: M (ξ - moved) = Jᵀ μ, y(ξ) = 0.
+    Where the drawing's loops do not quite fit, the rows are met in the least-squares sense.  Differentiable in the
+    system and in `moved`; the reference is taken as given.
+    """
+    reference = lax.stop_gradient(reference)
+    wanted = jnp.zeros((reference.position.shape[0], 6)) if moved is None else moved
+    return reference.advance(_close(system, reference, wanted).xi)
+
+
+@jax.custom_jvp
+def _close(system: System, reference: Pose, wanted: BodyRows) -> Correction:
+    here = kinematics.rows(system, kinematics.bodies(system, reference)).jacobian
+
+    def unfinished(carry: tuple) -> Array:
+        _, error, before, iterations = carry
+        return (error > CLOSED) & (iterations < MAX_ITERATIONS) & (error < 0.9 * before)
+
+    def correct(carry: tuple) -> tuple:
+        now, error, _, iterations = carry
+        change = _direction(system, reference, here, now, _residual(system, reference, wanted, now))
+        now = Correction(_bounded(now.xi, change.xi), now.push + change.push)
+        return now, _error(system, reference, now), error, iterations + 1
+
+    now = Correction(wanted, jnp.zeros(here.shape[:2]))
+    return lax.while_loop(unfinished, correct, (now, _error(system, reference, now), jnp.inf, 0))[0]
+
+
+@_close.defjvp
+def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Correction, Correction]:
+    system, reference, wanted = primals
+    now = _close(system, reference, wanted)
+    _, change = jax.jvp(
+        lambda s, w: _residual(s, reference, w, now), (system, wanted), (tangents[0], tangents[2])
+    )
+    here = kinematics.rows(system, kinematics.bodies(system, reference)).jacobian
+    return now, _refined(
+        change,
+        lambda left: _direction(system, reference, here, now, left),
+        lambda by: jax.jvp(lambda n: _residual(system, reference, wanted, n), (now,), (by,))[1],
+    )
+
+
+def _residual(system: System, reference: Pose, wanted: BodyRows, now: Correction) -> Correction:
+    here = kinematics.rows(system, kinematics.bodies(system, reference)).jacobian
+    rows = kinematics.rows(system, kinematics.bodies(system, reference.advance(now.xi)))
+    return _balance(system, here, now.xi - wanted, rows.value, now.push)
+
+
+def _direction(
+    system: System, reference: Pose, here: Array, now: Correction, residual: Correction
+) -> Correction:
+    """Change of increment and impulses that cancels a residual; linear in it."""
+    rows = kinematics.rows(system, kinematics.bodies(system, reference.advance(now.xi)))
+    turn = jnp.concatenate([tangent_map(now.xi[:, 3:]), jnp.eye(3)[None]])[
+        np.minimum(system.pairs, system.topology.slots)
+    ]
+    there = jnp.concatenate(
+        [
+            rows.jacobian[:, :, 0:3],
+            jnp.einsum("jri,jik->jrk", rows.jacobian[:, :, 3:6], turn[:, 0]),
+            rows.jacobian[:, :, 6:9],
+            jnp.einsum("jri,jik->jrk", rows.jacobian[:, :, 9:12], turn[:, 1]),
+        ],
+        -1,
+    )
+    return _cancel(system, here, there, residual)
+
+
+@jax.custom_jvp
+def _along(system: System, pose: Pose, wanted: BodyRows) -> Correction:
+    """The velocity nearest to a wanted one that the held rows allow: M (v - wanted) = Jᵀ μ, J v = 0."""
+    rows = kinematics.rows(system, kinematics.bodies(system, pose)).jacobian
+    now = Correction(wanted, jnp.zeros(rows.shape[:2]))
+    for _ in range(2):
+        change = _cancel(system, rows, rows, _drift(system, pose, wanted, now))
+        now = jax.tree.map(jnp.add, now, change)
+    return now
+
+
+@_along.defjvp
+def _along_jvp(primals: tuple, tangents: tuple) -> tuple[Correction, Correction]:
+    system, pose, wanted = primals
+    now = _along(system, pose, wanted)
+    _, change = jax.jvp(lambda s, p, w: _drift(s, p, w, now), primals, tangents)
+    rows = kinematics.rows(system, kinematics.bodies(system, pose)).jacobian
+    return now, _refined(
+        change,
+        lambda left: _cancel(system, rows, rows, left),
+        lambda by: jax.jvp(lambda n: _drift(system, pose, wanted, n), (now,), (by,))[1],
+    )
+
+
+def _drift(system: System, pose: Pose, wanted: BodyRows, now: Correction) -> Correction:
+    rows = kinematics.rows(system, kinematics.bodies(system, pose)).jacobian
+    rate = jnp.sum(rows * _pairs(system, now.xi)[:, None, :], -1)
+    return _balance(system, rows, now.xi - wanted, rate, now.push)
+
+
+def _balance(system: System, here: Array, moved: BodyRows, rows: Array, push: Array) -> Correction:
+    pushed = forces.collect(system.topology.joint_sides, jnp.sum(here * push[:, :, None], 1))
+    give = jnp.where(system.held_rows, rows + system.compliance * push, push)
+    return Correction(instantaneous(system, moved) - pushed, give)
+
+
+def _cancel(system: System, here: Array, there: Array, residual: Correction) -> Correction:
+    """Solve M δξ - hereᵀ δμ = -r₁, there δξ + ε δμ = -r₂ over the body graph."""
+    weight = jnp.where(system.held_rows, 1.0 / system.compliance, 0.0)
+    offset = -jnp.where(system.held_rows, weight, 1.0) * residual.push
+    links = jnp.einsum("jri,jr,jrk->jik", here, weight, there)
+    links = jnp.concatenate([links, jnp.zeros((len(system.topology.struts), 12, 12))])
+    mass = system.mass[:, None, None] * jnp.eye(3)
+    zero = jnp.zeros_like(mass)
+    top, bottom = jnp.concatenate([mass, zero], -1), jnp.concatenate([zero, system.inertia], -1)
+    rhs = forces.collect(system.topology.joint_sides, jnp.sum(here * offset[:, :, None], 1)) - residual.xi
+    factored = linear.factor(system.topology, jnp.concatenate([top, bottom], -2), links)
+    xi = linear.solve(factored, rhs)
+    return Correction(xi, offset - weight * jnp.sum(there * _pairs(system, xi)[:, None, :], -1))
+
+
+def _refined(
+    change: Correction, cancel: Callable[[Correction], Correction], slope: Callable[[Correction], Correction]
+) -> Correction:
+    """Answer to a change of the residual, refined twice.
+
+    Rounding leaves the rows open by 1e-7 of the answer, and a step of h seconds turns an opening into a velocity of
+    opening / h.
+    """
+    answer = cancel(change)
+    for _ in range(2):
+        answer = jax.tree.map(jnp.add, answer, cancel(jax.tree.map(jnp.add, change, slope(answer))))
+    return answer
+
+
+def start(
+    system: System,
+    reference: Pose,
+    motions: Float[np.ndarray, "slots 6 mobility"],
+    coordinates: Float[Array, "mobility"],
+    rates: Float[Array, "mobility"],
+) -> Start:
+    """A start on the closed mechanism, `coordinates` away from a reference pose along its free motions.
+
+    motions: from `free_motions` at the reference.  Differentiable in everything but the reference.
+    """
+    pose = closed(system, reference, jnp.einsum("bim,m->bi", motions, coordinates))
+    return Start(pose, _along(system, pose, jnp.einsum("bim,m->bi", motions, rates)).xi)
+
+
+def free_motions(system: System, pose: Pose) -> Float[np.ndarray, "slots 6 mobility"]:
+    """Ways the closed mechanism can move at a pose: one ξ rate each, largest entry 1 (mechanism lengths or rad).
+
+    The rank is decided by the largest gap in the spectrum of the held rows (numpy, once per start).
+    """
+    jacobian = np.asarray(kinematics.rows(system, kinematics.bodies(system, pose)).jacobian)
+    slots, length = system.topology.slots, system.scale.length_m
+    real = np.array([body is not None for body in system.topology.body_ids])
+    dense = np.zeros((jacobian.shape[0] * 6, (slots + 1) * 6))
+    for joint, (a, b) in enumerate(system.pairs):
+        for side, slot in enumerate((a, b)):
+            column = 6 * min(slot, slots)
+            block = jacobian[joint, :, 6 * side : 6 * side + 6]
+            dense[6 * joint : 6 * joint + 6, column : column + 6] += block
+    unit = np.tile([length] * 3 + [1.0] * 3, slots)
+    row_unit = np.tile([1 / length] * 3 + [1.0] * 3, jacobian.shape[0])
+    keep = np.repeat(real, 6)
+    matrix = (row_unit[:, None] * dense[:, : 6 * slots] * unit)[system.held_rows.ravel()][:, keep]
+    _, values, right = np.linalg.svd(matrix, full_matrices=True)
+    null = right[rank(values) :].T
+    motions = np.zeros((6 * slots, null.shape[1]))
+    motions[keep] = null / np.maximum(np.abs(null).max(0), 1e-300)
+    return (motions * unit[:, None]).reshape(slots, 6, -1)
+
+
+def rank(singular_values: Float[np.ndarray, "n"]) -> int:
+    """Number of singular values above the largest gap in the spectrum below a thousandth of the first."""
+    if singular_values.size == 0 or singular_values[0] == 0.0:
+        return 0
+    relative = np.maximum(singular_values / singular_values[0], 1e-17)
+    gaps = relative[:-1] / relative[1:]
+    small = np.flatnonzero((relative[1:] < 1e-3) & (gaps > 1e3))
+    if small.size:
+        return int(small[gaps[small].argmax()]) + 1
+    return int(np.sum(relative > NULL_FALLBACK))
+
+
+def worst_gap(system: System, pose: Pose) -> Gap:
+    """The joint that is furthest from closed at a pose."""
+    value = np.where(
+        system.held_rows & ~system.coordinate_rows,
+        np.asarray(kinematics.rows(system, kinematics.bodies(system, pose)).value),
+        0.0,
+    )
+    if value.size == 0:
+        return Gap("", 0.0, 0.0)
+    offset, tilt = np.linalg.norm(value[:, :3], axis=-1), np.linalg.norm(value[:, 3:], axis=-1)
+    worst = int(np.argmax(offset / system.scale.length_m + tilt))
+    return Gap(system.topology.joint_ids[worst], float(offset[worst]), float(tilt[worst]))
+
+
+def _error(system: System, reference: Pose, now: Correction) -> Float[Array, ""]:
+    value = kinematics.rows(system, kinematics.bodies(system, reference.advance(now.xi))).value
+    unit = jnp.array([1 / system.scale.length_m] * 3 + [1.0] * 3)
+    return jnp.max(jnp.where(system.held_rows, jnp.abs(value) * unit, 0.0), initial=0.0)
+
+
+def _pairs(system: System, moved: BodyRows) -> Float[Array, "joints 12"]:
+    slots = system.topology.slots
+    return jnp.concatenate([moved, jnp.zeros((1, 6))])[np.minimum(system.pairs, slots)].reshape(-1, 12)
+
+
+def _bounded(xi: BodyRows, change: BodyRows) -> BodyRows:
+    """At most half a radian in one correction: further the rows' slope says little."""
+    largest = jnp.max(jnp.abs(change[:, 3:]), initial=1e-30)
+    return xi + change * jnp.minimum(1.0, 0.5 / largest)
