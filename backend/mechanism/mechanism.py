@@ -145,7 +145,7 @@ def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> l
     ids = [member.id for member in groups[part]]
     if on == "all":
         return [] if ids else [f'stands on "all", but no {part} is drawn; draw one, or remove the effect']
-    faults = [f'on names "{id}", which is not a {part}. {known(ids)}' for id in on if id not in ids]
+    faults = [f'on names "{id}", but no {part} has that id. {known(ids)}' for id in on if id not in ids]
     if acts_on == "bodies" and len(on) > 2:
         faults.append(f"on names {len(on)} bodies; name one, or two of which the second takes the reaction")
     return faults

@@ -29,7 +29,9 @@ def sentences(error: ValidationError, raw: Any) -> list[str]:
         if isinstance(cause, DrawingError):
             found += [f"{where}: {problem}" if where else problem for problem in cause.problems]
         else:
-            found.append(f"{where}: {_fault(record)}" if where else _fault(record))
+            fault = _fault(record)
+            joined = " " if fault.startswith(("is ", "has ", "moves ")) else ": "
+            found.append(f"{where}{joined}{fault}" if where else fault)
     return list(dict.fromkeys(found))
 
 

@@ -1,0 +1,324 @@
+"""Studies: good ones are read with their tables, bad ones refused by file, row and remedy."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from backend.mechanism.drawing_error import DrawingError
+from backend.mechanism.fit_report import FitReport
+from backend.mechanism.read import parse, parse_study, read_study
+
+TRACKS = "time_s,marker,x_m,y_m,z_m,sigma_m\n0,tip,0.1,,0.2,\n0.01,tip,0.1,,0.2,0.001\n0.02,tip,,,,\n"
+JOINTS = "time_s,joint,q,sigma\n0,j1,0.1,0.001\n0.01,j1,0.2,\n"
+INPUTS = "time_s,effect,parameter,value\n0,s1,stiffness_n_per_m,2870\n0.01,s1,stiffness_n_per_m,0\n"
+EFFORTS = "time_s,joint,effort,sigma\n0,j1,0.1,0.001\n0.01,j1,0.2,0.002\n"
+
+
+@pytest.fixture
+def study(tmp_path, drawings):
+    """Writes a study with every kind of table and returns a function that spoils and reads it."""
+    document = {
+        "schema_version": "1.0",
+        "mechanism": "mechanism.json",
+        "experiments": [
+            {
+                "id": "e1",
+                "tracks": "t.csv",
+                "joint_positions": "q.csv",
+                "inputs": "u.csv",
+                "joint_efforts": "f.csv",
+                "video": None,
+                "release": {"time_s": 0.005, "at_rest": True},
+                "overrides": {"s1": {"stiffness_n_per_m": 3000}},
+            }
+        ],
+        "tolerances": [{"kind": "mass_error", "on": ["link1"], "sd": 0.02}],
+    }
+    tables = {"t.csv": TRACKS, "q.csv": JOINTS, "u.csv": INPUTS, "f.csv": EFFORTS}
+
+    def read(spoil=None, **kwargs):
+        if spoil:
+            spoil(document, tables)
+        (tmp_path / "mechanism.json").write_text(json.dumps(drawings.pendulum()))
+        (tmp_path / "study.json").write_text(json.dumps(document))
+        for file, text in tables.items():
+            (tmp_path / file).write_text(text)
+        return read_study(tmp_path / "study.json", **kwargs)
+
+    return read
+
+
+def test_a_study_is_read_with_all_its_tables(study):
+    found = study()
+    (e1,) = found.experiments
+    assert found.mechanism.name == "pendulum"
+    assert found.fit == (e1,)
+    assert found.held_out == ()
+    assert list(e1.tracks.columns) == ["time_s", "marker", "x_m", "y_m", "z_m", "sigma_m"]
+    assert e1.tracks["x_m"].tolist()[:2] == [0.1, 0.1]
+    assert np.isnan(e1.tracks["x_m"][2])  # an empty coordinate was not measured
+    assert e1.tracks["y_m"].isna().all()
+    assert e1.joint_positions["q"].tolist() == [0.1, 0.2]
+    assert e1.inputs["value"].tolist() == [2870, 0]
+    assert e1.joint_efforts["sigma"].tolist() == [0.001, 0.002]
+    assert e1.release.window_s == 0.3
+    assert e1.overrides == {"s1": {"stiffness_n_per_m": 3000.0}}
+    assert found.tolerances[0].sd == 0.02
+    assert found.experiment("e1") is e1
+    with pytest.raises(DrawingError, match=r'no experiment "e7".*"e1"'):
+        found.experiment("e7")
+
+
+def test_the_trackers_own_columns_and_statuses_are_kept(study):
+    table = (
+        "time_s,marker,x_m,y_m,z_m,sigma_m,frame,x_px,y_px,cov_xx_px2,cov_xy_px2,cov_yy_px2,status\n"
+        "0,tip,0,0,0,,0,1,2,.1,0,.1,ok\n.01,tip,0,0,0,,1,1,2,.1,0,.1,occluded\n.02,tip,,,,,2,,,,,,predicted\n"
+    )
+    tracks = study(lambda document, tables: tables.update({"t.csv": table})).experiments[0].tracks
+    assert tracks["status"].tolist() == ["ok", "occluded", "predicted"]
+    assert tracks["frame"].tolist() == [0, 1, 2]
+
+
+def test_a_table_without_a_column_of_noise_leaves_it_to_be_estimated(study):
+    table = "time_s,joint,q\n0,j1,0.1\n0.01,j1,0.2\n"
+    found = study(lambda document, tables: tables.update({"q.csv": table}))
+    assert found.experiments[0].joint_positions["sigma"].isna().all()
+
+
+def test_parquet_and_csv_tell_the_same(study, tmp_path):
+    def as_parquet(document, tables):
+        frame = pd.DataFrame(
+            {"time_s": [0.0, 0.01], "joint": ["j1", "j1"], "q": [0.1, 0.2], "sigma": [0.001, None]}
+        )
+        frame.to_parquet(tmp_path / "q.parquet")
+        document["experiments"][0]["joint_positions"] = "q.parquet"
+
+    csv, parquet = study().experiments[0].joint_positions, study(as_parquet).experiments[0].joint_positions
+    pd.testing.assert_frame_equal(csv, parquet)
+
+
+def table(file, text):
+    return lambda document, tables: tables.update({file: text})
+
+
+def row(file, text):
+    return lambda document, tables: tables.update({file: tables[file] + text})
+
+
+def experiment(**fields):
+    return lambda document, tables: document["experiments"][0].update(fields)
+
+
+def tolerance(**fields):
+    return lambda document, tables: document["tolerances"][0].update(fields)
+
+
+def both(one, other):
+    return lambda document, tables: (one(document, tables), other(document, tables))
+
+
+def without_time(document, tables):
+    tables["t.csv"] = TRACKS.replace("0.01,tip", "inf,tip")
+
+
+FAULTS = {
+    "no such table": (experiment(tracks="gone.csv"), ['"e1"', "gone.csv", "No such file", "check the path"]),
+    "empty table": (table("t.csv", ""), ["t.csv", "is empty", "names the columns"]),
+    "only a header": (table("q.csv", "time_s,joint,q,sigma\n"), ["q.csv", "no rows", "record"]),
+    "missing column": (table("q.csv", "time_s,joint\n0,j1\n"), ["q.csv", "lacks column q", "time_s,joint"]),
+    "unknown column": (
+        table("q.csv", "time_s,joint,q,speed\n0,j1,0,1\n"),
+        ["q.csv", "'speed'", "remove it", '"sigma"'],
+    ),
+    "column twice": (table("q.csv", "time_s,joint,q,q\n0,j1,0,1\n"), ["q.csv", "column q stands twice"]),
+    "cut off in the last row": (row("t.csv", "0.03,tip,0.1"), ["t.csv", "row 5 has 3 values", "cut off"]),
+    "short row in the middle": (
+        table("q.csv", "time_s,joint,q,sigma\n0,j1\n1,j1,0,\n"),
+        ["q.csv", "row 2 has 2 values", "header names 4", "correct it"],
+    ),
+    "unknown marker": (row("t.csv", "0,toe,0,0,0,\n"), ["t.csv", "row 5", 'marker "toe"', 'Known: "tip"']),
+    "unknown joint": (row("q.csv", "0,j7,0,\n"), ["q.csv", "row 4", 'joint "j7"', 'Known: "j1"']),
+    "unknown joint with a sensor": (
+        row("f.csv", "0,j7,0,\n"),
+        ["f.csv", "row 4", 'joint "j7"', 'Known: "j1"'],
+    ),
+    "unknown driven effect": (row("u.csv", "0,motor,force_n,0\n"), ["u.csv", "row 4", '"motor"', '"s1"']),
+    "unknown driven parameter": (
+        row("u.csv", "0,s1,force,0\n"),
+        ["u.csv", "row 4", '"force"', "free_length_m"],
+    ),
+    "driven list": (row("u.csv", "0,s1,anchor_a_m,0\n"), ["u.csv", "row 4", "anchor_a_m", "list of 3"]),
+    "driven beyond its bound": (
+        row("u.csv", "0.02,s1,stiffness_n_per_m,-5\n"),
+        ["u.csv", "row 4", "-5", "outside its bounds 0", "correct"],
+    ),
+    "driven by nothing": (
+        row("u.csv", "0.02,s1,stiffness_n_per_m,\n"),
+        ["u.csv", "row 4", "value is empty", "finite"],
+    ),
+    "infinite time": (without_time, ["t.csv", "row 3", "time_s is inf", "finite"]),
+    "no time": (row("q.csv", ",j1,0,\n"), ["q.csv", "row 4", "time_s is empty", "finite"]),
+    "infinite coordinate": (
+        row("t.csv", "1,tip,inf,0,0,\n"),
+        ["t.csv", "row 5", "x_m is inf", "leave it empty"],
+    ),
+    "text for a number": (row("q.csv", "1,j1,fast,\n"), ["q.csv", "row 4", "'fast'", "write a number"]),
+    "underscore in a number": (row("q.csv", "1,j1,1_0,\n"), ["q.csv", "row 4", "'1_0'", "write a number"]),
+    "time backwards": (
+        row("t.csv", "0.015,tip,0,0,0,\n"),
+        ["t.csv", "row 5", "0.015 s runs backwards from 0.02 s", 'marker "tip"', "sort"],
+    ),
+    "time repeated": (row("q.csv", "0.01,j1,0,\n"), ["q.csv", "row 4", "0.01 s is repeated", 'joint "j1"']),
+    "negative sigma": (
+        row("q.csv", "0.02,j1,0,-0.1\n"),
+        ["q.csv", "row 4", "sigma is -0.1", "leave it empty"],
+    ),
+    "zero sigma": (row("t.csv", "0.03,tip,0,0,0,0\n"), ["t.csv", "row 5", "sigma_m is 0", "above zero"]),
+    "unknown status": (
+        table("t.csv", "time_s,marker,x_m,y_m,z_m,sigma_m,status\n0,tip,0,0,0,,lost\n"),
+        ["t.csv", "row 2", '"lost"', "occluded"],
+    ),
+    "broken parquet": (
+        both(experiment(tracks="t.parquet"), table("t.parquet", "no")),
+        ["t.parquet", "cannot be read as Parquet", "check"],
+    ),
+    "release after the last sample": (
+        experiment(release={"time_s": 9.0}),
+        ["release.time_s is 9 s", "last sample is at 0.02 s", "check the clock"],
+    ),
+    "no release": (
+        lambda document, tables: document["experiments"][0].pop("release"),
+        ['experiment "e1": release is missing'],
+    ),
+    "negative window": (
+        experiment(release={"time_s": 0.0, "window_s": -1}),
+        ['experiment "e1": release.window_s', "-1", "above 0"],
+    ),
+    "nothing measured": (
+        experiment(tracks=None, joint_positions=None, joint_efforts=None),
+        ['experiment "e1"', "0 tables of measurements", "name its tracks"],
+    ),
+    "unknown use": (experiment(use="test"), ['experiment "e1": use', "'test'", "'held_out'"]),
+    "override of no effect": (experiment(overrides={"s9": {"x": 1}}), ['"e1"', '"s9"', 'Known: "f1", "s1"']),
+    "override of no parameter": (
+        experiment(overrides={"s1": {"stiffness": 1}}),
+        ['"e1"', '"s1"', '"stiffness" is unknown', "stiffness_n_per_m"],
+    ),
+    "override beyond its bound": (
+        experiment(overrides={"s1": {"stiffness_n_per_m": -1}}),
+        ['"s1"', "-1 N/m", "lower bound 0"],
+    ),
+    "unknown field": (experiment(note="x"), ['experiment "e1": note', "'x'", "remove it"]),
+    "no experiments": (
+        lambda document, tables: document.update(experiments=[]),
+        ["experiments has 0 entries", "at least 1"],
+    ),
+    "experiment twice": (
+        lambda document, tables: document["experiments"].append(document["experiments"][0]),
+        ['experiment "e1" stands 2 times', "rename"],
+    ),
+    "tolerance of no kind": (tolerance(kind="weight"), ['tolerance 1 ("weight")', "unknown", "mass_error"]),
+    "tolerance of no body": (tolerance(on=["arm"]), ['tolerance 1 ("mass_error")', '"arm"', '"link1"']),
+    "tolerance without width": (tolerance(sd=0), ["tolerance 1: sd is 0", "above 0"]),
+    "no such mechanism": (
+        lambda document, tables: document.update(mechanism="m.json"),
+        ["m.json", "No such file"],
+    ),
+    "another version": (
+        lambda document, tables: document.update(schema_version="3.0"),
+        ["3.0 is not supported"],
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bad_study_is_refused_with_part_number_and_remedy(study, fault):
+    spoil, terms = FAULTS[fault]
+    with pytest.raises(DrawingError) as refusal:
+        study(spoil)
+    for term in terms:
+        assert term in str(refusal.value)
+
+
+def test_faults_of_several_tables_are_listed_together(study):
+    def spoil(document, tables):
+        tables["t.csv"] += "0,toe,0,0,0,\n"
+        tables["q.csv"] += "0,j7,0,\n"
+        document["tolerances"][0]["on"] = ["arm"]
+
+    with pytest.raises(DrawingError) as refusal:
+        study(spoil)
+    assert len(refusal.value.problems) == 3
+
+
+def test_a_column_of_nonsense_is_told_in_a_few_lines(study):
+    rows = "".join(f"{t},j1,x,\n" for t in range(1000))
+    with pytest.raises(DrawingError) as refusal:
+        study(table("q.csv", "time_s,joint,q,sigma\n" + rows))
+    assert len(refusal.value.problems) == 6
+    assert "995 more" in refusal.value.problems[-1]
+
+
+@pytest.mark.parametrize(
+    "uri", ["../outside.csv", "/etc/hostname", "a/../../outside.csv", "link/outside.csv"]
+)
+def test_a_root_keeps_a_study_inside_its_folder(study, tmp_path, uri):
+    (tmp_path / "link").symlink_to(tmp_path.parent)
+    with pytest.raises(DrawingError, match="leaves the folder"):
+        study(experiment(tracks=uri), root=tmp_path)
+
+
+def test_without_a_root_a_table_may_lie_elsewhere(study, tmp_path):
+    (tmp_path / "deep").mkdir()
+    found = study()
+    document = json.loads((tmp_path / "study.json").read_text())
+    document["mechanism"] = "../mechanism.json"
+    for name in ("tracks", "joint_positions", "inputs", "joint_efforts"):
+        document["experiments"][0][name] = "../" + document["experiments"][0][name]
+    assert parse_study(document, tmp_path / "deep").mechanism == found.mechanism
+
+
+def test_a_path_that_is_none_is_refused(study, tmp_path):
+    with pytest.raises(DrawingError):
+        study(experiment(tracks="a\0b"))
+
+
+def test_the_studies_of_real_rigs_are_read(real_data):
+    files = sorted(real_data.glob("*/study*.json"))
+    assert len({file.parent for file in files}) == 5
+    for file in files:
+        found = read_study(file)
+        assert found.fit
+        assert found.held_out
+        for experiment in found.experiments:
+            seen = experiment.tracks if experiment.tracks is not None else experiment.joint_positions
+            assert seen is not None
+            assert len(seen) > 100
+
+
+def test_a_fit_report_says_what_the_data_do_not_bound():
+    document = {
+        "schema_version": "1.0",
+        "parameters": [
+            {
+                "name": "coulomb_friction:j1.friction_torque_n_m",
+                "kind": "coulomb_friction",
+                "on": ["j1"],
+                "parameter": "friction_torque_n_m",
+                "value": 0.011,
+                "sd": None,
+                "ci95": [0.0, None],
+                "unit": "N m",
+                "at_bound": True,
+            }
+        ],
+        "correlation": [[1.0]],
+        "converged": True,
+        "wall_s": 3.2,
+    }
+    report = parse(FitReport, document, "fit.json")
+    assert report.parameters[0].ci95 == (0.0, None)
+    with pytest.raises(DrawingError, match="wall_s is -1"):
+        parse(FitReport, {**document, "wall_s": -1}, "fit.json")
