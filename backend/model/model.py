@@ -98,7 +98,10 @@ class Model(eqx.Module):
         if placed.effect.acts_on in ("world", "camera"):
             return (placed.effect.acts_on,)
         return tuple(
-            str(names[i]) for r, place in zip(placed.rows, placed.places, strict=True) if r == row for i in place
+            str(names[i])
+            for r, place in zip(placed.rows, placed.places, strict=True)
+            if r == row
+            for i in place
         )
 
 

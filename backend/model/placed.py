@@ -1,8 +1,8 @@
 """The effects of one kind in a model, and where each of them acts."""
 
 import equinox as eqx
-import jax.numpy as jnp
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 

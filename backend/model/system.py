@@ -117,7 +117,9 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
     driven = tuple(sorted({int(j) for placed in motions for j in placed.at()}))
     types = [joint_of_type(t) for t in topology.joint_types]
     limits = [_dry_limits(placed, drawing) for placed in model.of(AbstractDryFriction)]
-    stops = tuple(sorted({int(j) for placed in model.of(AbstractJointStop) for j in placed.at()} - set(driven)))
+    stops = tuple(
+        sorted({int(j) for placed in model.of(AbstractJointStop) for j in placed.at()} - set(driven))
+    )
     struts = model.of(AbstractStrut)
     anchors = [jax.vmap(lambda e: e.anchors())(placed.here) for placed in struts]
     slots, scale = topology.slots, model.scale

@@ -73,13 +73,13 @@ def joint_efforts(system: System, q: Float[Array, "joints"]) -> Float[Array, "jo
     """Efforts along the joints' coordinates that depend on where the joint is [N m or N]."""
     total = jnp.zeros_like(q)
     for group in system.efforts:
-        total = total + group.summed(q.shape[0], jax.vmap(lambda e, x: e.effort(x))(group.here, q[group.at()]))
+        total = total + group.summed(
+            q.shape[0], jax.vmap(lambda e, x: e.effort(x))(group.here, q[group.at()])
+        )
     return total
 
 
-def strut_lines(
-    system: System, placed: Bodies
-) -> tuple[Float[Array, "struts"], Float[Array, "struts 12"]]:
+def strut_lines(system: System, placed: Bodies) -> tuple[Float[Array, "struts"], Float[Array, "struts 12"]]:
     """Length of every strut, and its slope with respect to (Δx, turn) of its first, then second body."""
     ends = np.array(system.topology.struts, dtype=int).reshape(-1, 2)
     a, b = ends[:, 0], ends[:, 1]

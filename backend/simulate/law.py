@@ -70,7 +70,9 @@ def residual(
 ) -> Impulses:
     """How far the impulses are from what the laws ask: rows, then gap - slack, then γ s - κ."""
     moved = displacement(system, y)
-    give = y - jnp.where(system.coordinate_rows, drive.target[:, None], 0.0) + system.compliance * impulses.rows
+    give = (
+        y - jnp.where(system.coordinate_rows, drive.target[:, None], 0.0) + system.compliance * impulses.rows
+    )
     carried = jnp.sum(jnp.where(free(system), impulses.rows, 0.0), -1)
     dry, _ = _dry(system, drive, moved, impulses.rows)
     own = carried - _smooth(system, drive, moved) - _stop_push(system, impulses.stop) + dry

@@ -44,7 +44,9 @@ def on_steps(
         row = model.parameters.get((effect, name))
         if row is None or row.declaration.drive is None:
             takes = [f"{e}.{p}" for (e, p), r in model.parameters.items() if r.declaration.drive]
-            raise ValueError(f"'{effect}.{name}' takes no recorded input; inputs here: {', '.join(takes) or 'none'}")
+            raise ValueError(
+                f"'{effect}.{name}' takes no recorded input; inputs here: {', '.join(takes) or 'none'}"
+            )
         if row.declaration.drive == "end":
             columns.append(held_value(times, values, nodes + step_s))
         else:

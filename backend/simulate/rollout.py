@@ -1,5 +1,7 @@
 """Many steps in a row, from a start to a trajectory."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,8 +13,8 @@ from backend.model.system import System
 from backend.simulate import forces, kinematics
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
-from backend.simulate.step import Motion, lengthening, step
 from backend.simulate.record import Record
+from backend.simulate.step import Motion, lengthening, step
 
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
 
@@ -66,7 +68,9 @@ def depart(system: System, start: Start, step_s: float | Array) -> Motion:
     )
 
 
-def joint_rates(system: System, jacobian: Float[Array, "joints 6 12"], velocity: Array) -> Float[Array, "joints"]:
+def joint_rates(
+    system: System, jacobian: Float[Array, "joints 6 12"], velocity: Array
+) -> Float[Array, "joints"]:
     """Rate of every coordinate under a velocity (or displacement under an increment) of the bodies."""
     along = jnp.sum(jnp.where(system.coordinate_rows[:, :, None], jacobian, 0.0), 1)
     pairs = jnp.concatenate([velocity, jnp.zeros_like(system.fixed_position).repeat(2, 1)])[system.pairs]
@@ -78,6 +82,19 @@ def _resistance(system: System, rate: Float[Array, "joints"]) -> Float[Array, "j
     return system.damping * rate + system.dry_limit * rate / jnp.sqrt(rate**2 + system.stick_rate**2)
 
 
+class Seen(NamedTuple):
+    """What each step leaves behind: the pose it left from, and what it did."""
+
+    pose: Pose
+    xi: Float[Array, "steps slots 6"]
+    displacement: Float[Array, "steps joints"]
+    q: Float[Array, "steps joints"]
+    rows: Float[Array, "steps joints 6"]
+    iterations: Int[Array, "steps"]
+    error: Float[Array, "steps"]
+    lost: Bool[Array, "steps"]
+
+
 def rollout(
     system: System, start: Start, step_s: float | Array, steps: int, record: Record | None = None
 ) -> Trajectory:
@@ -86,32 +103,48 @@ def rollout(
     record: known drives, sampled on the steps (see `record.on_steps`).  A step that cannot be solved freezes the
     motion and sets `lost` from there on, so that one jammed sample never spoils a batch.
     """
-    motion = depart(system, start, step_s)
+    # One step more than asked: a node's velocity needs the step that follows it.
+    carry = (depart(system, start, step_s), jnp.zeros((), dtype=bool))
+    _, seen = march(system, carry, step_s, steps + 1, record)
+    return trajectory(seen, start, carry[0].displacement, step_s)
 
-    def advance(carry: tuple[Motion, Array], drives: Array | None) -> tuple[tuple[Motion, Array], tuple]:
+
+def march(
+    system: System, carry: tuple[Motion, Array], step_s: float | Array, steps: int, record: Record | None
+) -> tuple[tuple[Motion, Array], Seen]:
+    """Some steps from where a motion stands; the carry is the motion and whether it is lost."""
+
+    def advance(carry: tuple[Motion, Array], drives: Array | None) -> tuple[tuple[Motion, Array], Seen]:
         motion, lost = carry
-        acting = system if record is None else record.apply(system, drives)
+        acting = system if record is None or drives is None else record.apply(system, drives)
         after, solved = step(acting, motion, step_s, _targets(acting))
         # The comparison is written so that a NaN counts as lost.
         lost = lost | ~(solved.error < LOST)
         kept = jax.tree.map(lambda old, new: jnp.where(lost, old, new), motion, after)
-        seen = (motion.pose, after.xi, after.displacement, motion.q, solved.unknowns.impulses.rows)
-        return (kept, lost), (*seen, solved.iterations, solved.error, lost)
+        rows = solved.unknowns.impulses.rows
+        seen = Seen(
+            motion.pose, kept.xi, kept.displacement, motion.q, rows, solved.iterations, solved.error, lost
+        )
+        return (kept, lost), seen
 
-    # One step more than asked: a node's velocity needs the step that follows it.
-    drives = None if record is None else record.values
-    _, seen = lax.scan(advance, (motion, jnp.zeros((), dtype=bool)), drives, length=steps + 1)
-    pose, xi, moved, q, rows, iterations, error, lost = seen
+    return lax.scan(advance, carry, None if record is None else record.values, length=steps)
+
+
+def trajectory(
+    seen: Seen, start: Start, displacement: Float[Array, "joints"], step_s: float | Array
+) -> Trajectory:
+    """Nodes of a motion from its steps, one fewer; displacement: of the coordinates, in a step before the start."""
+    nodes = seen.q.shape[0]
     return Trajectory(
-        time_s=step_s * jnp.arange(steps + 1),
-        pose=pose,
-        velocity=_at_nodes(xi, start.velocity, step_s),
-        q=q,
-        rate=_at_nodes(moved, motion.displacement / step_s, step_s),
-        reaction=(rows / step_s).at[0].multiply(2.0),  # the first step carries half a step's impulses
-        iterations=iterations,
-        error=error,
-        lost=lost,
+        time_s=step_s * jnp.arange(nodes),
+        pose=seen.pose,
+        velocity=_at_nodes(seen.xi, start.velocity, step_s),
+        q=seen.q,
+        rate=_at_nodes(seen.displacement, displacement / step_s, step_s),
+        reaction=(seen.rows / step_s).at[0].multiply(2.0),  # the first step carries half a step's impulses
+        iterations=seen.iterations,
+        error=seen.error,
+        lost=seen.lost,
     )
 
 

@@ -98,7 +98,9 @@ def frame(system: System, motion: Motion, step_s: float | Array, target: Float[A
     _, strut_slope = forces.strut_lines(system, bodies)
     force = forces.body_forces(system, bodies, motion.xi / step_s)
     effort = step_s * forces.joint_efforts(system, motion.q)
-    drive = Drive(step_s, effort, motion.displacement, motion.q, jnp.where(system.is_driven, target - motion.q, 0.0))
+    drive = Drive(
+        step_s, effort, motion.displacement, motion.q, jnp.where(system.is_driven, target - motion.q, 0.0)
+    )
     return Frame(
         step_s,
         motion.pose,
@@ -113,7 +115,9 @@ def frame(system: System, motion: Motion, step_s: float | Array, target: Float[A
     )
 
 
-def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> tuple[Unknowns, kinematics.Rows]:
+def equations(
+    system: System, at: Frame, unknowns: Unknowns, barrier: Array
+) -> tuple[Unknowns, kinematics.Rows]:
     """Residuals of momentum and of the joints' laws, and the rows at q_{k+1}."""
     xi, impulses = unknowns
     rows = ahead(system, at, xi)
@@ -138,7 +142,9 @@ def ahead(system: System, at: Frame, xi: BodyRows) -> kinematics.Rows:
     return rows._replace(value=jnp.where(system.coordinate_rows, moved, rows.value))
 
 
-def lengthening(system: System, strut_slope: Float[Array, "struts 12"], xi: BodyRows) -> Float[Array, "struts"]:
+def lengthening(
+    system: System, strut_slope: Float[Array, "struts 12"], xi: BodyRows
+) -> Float[Array, "struts"]:
     """How far each strut lengthens in a step, to first order."""
     return jnp.sum(strut_slope * _of_pairs(system, system.topology.struts, xi), -1)
 
@@ -216,7 +222,9 @@ def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
     answer = direction(system, linearised, change)
     # One refinement: the stiff rows (1/ε) leave rounding of 1e-9 in ξ, which is 1e-6 in the velocity it stands for.
     _, left = jax.jvp(
-        lambda z: equations(system, at, z, _barrier(system, at))[0], (unknowns,), (jax.tree.map(jnp.negative, answer),)
+        lambda z: equations(system, at, z, _barrier(system, at))[0],
+        (unknowns,),
+        (jax.tree.map(jnp.negative, answer),),
     )
     refined = direction(system, linearised, jax.tree.map(jnp.subtract, change, left))
     answer = jax.tree.map(jnp.add, answer, refined)
@@ -276,7 +284,10 @@ def _size(system: System, at: Frame, residual: Unknowns, barrier: Array) -> Floa
     rows = jnp.abs(residual.impulses.rows) * jnp.where(held, row_scale, impulse)
     parts = [linear_part, turning, rows]
     if system.stops:
-        parts += [jnp.abs(residual.impulses.stop), system.tolerance * jnp.abs(residual.impulses.slack) / (1e-3 * barrier)]
+        parts += [
+            jnp.abs(residual.impulses.stop),
+            system.tolerance * jnp.abs(residual.impulses.slack) / (1e-3 * barrier),
+        ]
     return jnp.max(jnp.stack([jnp.max(part, initial=0.0) for part in parts]))
 
 
@@ -286,7 +297,9 @@ def _fraction(now: Impulses, change: Impulses) -> Float[Array, ""]:
     def room(value: Array, by: Array) -> Array:
         return jnp.min(jnp.where(by < 0, -value / jnp.where(by < 0, by, -1.0), jnp.inf))
 
-    return jnp.minimum(1.0, TO_BOUNDARY * jnp.minimum(room(now.stop, change.stop), room(now.slack, change.slack)))
+    return jnp.minimum(
+        1.0, TO_BOUNDARY * jnp.minimum(room(now.stop, change.stop), room(now.slack, change.slack))
+    )
 
 
 def _shortened(xi: BodyRows) -> BodyRows:
@@ -300,14 +313,18 @@ def _mean_velocity(at: Frame, xi: BodyRows) -> BodyRows:
     return 0.5 * (at.before + xi) / at.step_s
 
 
-def _of_pairs(system: System, pairs: tuple[tuple[int, int], ...], moved: BodyRows) -> Float[Array, "pairs 12"]:
+def _of_pairs(
+    system: System, pairs: tuple[tuple[int, int], ...], moved: BodyRows
+) -> Float[Array, "pairs 12"]:
     """Rows of both bodies of each pair side by side; fixed bodies do not move."""
     slots = system.topology.slots
     index = np.minimum(np.array(pairs, dtype=int).reshape(-1, 2), slots)
     return jnp.concatenate([moved, jnp.zeros((1, 6))])[index].reshape(-1, 12)
 
 
-def _on_bodies(system: System, jacobian: Float[Array, "joints 6 12"], rows: Float[Array, "joints 6"]) -> BodyRows:
+def _on_bodies(
+    system: System, jacobian: Float[Array, "joints 6 12"], rows: Float[Array, "joints 6"]
+) -> BodyRows:
     """Jᵀ λ, gathered on the bodies."""
     return forces.collect(system.topology.joint_sides, jnp.sum(jacobian * rows[:, :, None], 1))
 

@@ -1,0 +1,200 @@
+"""Run a drawing: the motion that follows from what was drawn, as plain arrays by name."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from backend.frames import quaternion
+from backend.mechanism.mechanism import Mechanism
+from backend.model.build import build
+from backend.model.model import Address, Model
+from backend.model.state import Start, drawn_pose
+from backend.model.system import System, system
+from backend.simulate import invariants, kinematics, points
+from backend.simulate.assemble import closed, worst_gap
+from backend.simulate.record import Record, on_steps
+from backend.simulate.rollout import Seen, Trajectory, depart, march, trajectory
+
+CHUNK = 250  # steps between two reports of progress
+OPEN_JOINT = (
+    1e-6  # mechanism lengths (and rad) that assembly may leave open: ten times what STEP files round to
+)
+
+Progress = Callable[[int, int], None]
+Series = tuple[Address, np.ndarray, np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """A simulated motion, SI, world axes unless said otherwise; first axis is time (nodes)."""
+
+    mechanism: str
+    step_s: float
+    time_s: np.ndarray
+    position_m: dict[str, np.ndarray]
+    """Body -> origin (nodes, 3)."""
+    quaternion_wxyz: dict[str, np.ndarray]
+    velocity_m_per_s: dict[str, np.ndarray]
+    """Body -> velocity of its origin (nodes, 3)."""
+    angular_velocity_rad_per_s: dict[str, np.ndarray]
+    """Body -> turn rate in body axes (nodes, 3)."""
+    q: dict[str, np.ndarray]
+    """Joint -> coordinate [rad or m]; joints without one are left out."""
+    reaction_force_n: dict[str, np.ndarray]
+    """Joint -> force on body B at the joint (nodes, 3)."""
+    reaction_torque_n_m: dict[str, np.ndarray]
+    markers_m: dict[str, np.ndarray]
+    kinetic_j: np.ndarray
+    potential_j: np.ndarray
+    constraint_error_m: np.ndarray
+    iterations: np.ndarray
+    result: str
+    """'done', or a sentence that says where and why the motion could not be followed further."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the whole duration was simulated."""
+        return self.result == "done"
+
+
+def simulate(
+    mechanism: Mechanism,
+    duration_s: float,
+    step_s: float = 1e-3,
+    *,
+    inputs: Sequence[Series] = (),
+    progress: Progress | None = None,
+) -> Run:
+    """Let a drawing go from rest at its drawn pose, under the effects it lists.
+
+    inputs: recorded drives as ((effect id, parameter), times [s], values).  progress(done, total) counts steps.
+    Raises ValueError for a duration or step that is not positive, and where loops cannot be closed.
+    """
+    for name, value in (("duration", duration_s), ("step", step_s)):
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} is {value:g} s; give a positive number of seconds")
+    model = build(mechanism)
+    plant = system(model)
+    steps = max(1, round(duration_s / step_s))
+    start = Start(assembled(model, plant), jnp.zeros((model.topology.slots, 6)))
+    record = on_steps(model, inputs, step_s, steps + CHUNK) if inputs else None
+    path = _followed(plant, start, step_s, steps, record, progress)
+    return as_run(mechanism.name, model, plant, path, step_s)
+
+
+def assembled(model: Model, plant: System):
+    """The closed pose near the drawn one.  Raises ValueError naming the joint that stays open."""
+    pose = eqx.filter_jit(closed)(plant, drawn_pose(model, plant))
+    gap = worst_gap(plant, pose)
+    length = plant.scale.length_m
+    if not (gap.offset_m < OPEN_JOINT * length and gap.tilt_rad < OPEN_JOINT):
+        raise ValueError(
+            f"joint '{gap.joint}' cannot be closed: {gap.offset_m * 1e3:.4g} mm and "
+            f"{math.degrees(gap.tilt_rad):.4g} degrees remain after moving every part; "
+            "check the pin positions of the bodies in its loop"
+        )
+    return pose
+
+
+def _followed(
+    plant: System, start: Start, step_s: float, steps: int, record: Record | None, progress: Progress | None
+) -> Trajectory:
+    """The rollout in chunks, so that progress can be shown and one program serves any duration."""
+    chunk = min(CHUNK, steps + 1)
+    advance = eqx.filter_jit(lambda plant, carry, part: march(plant, carry, step_s, chunk, part))
+    motion = eqx.filter_jit(depart)(plant, start, step_s)
+    carry, parts = (motion, jnp.zeros((), dtype=bool)), []
+    for first in range(0, steps + 1, chunk):
+        part = None
+        if record is not None:
+            rows = np.minimum(np.arange(first, first + chunk), record.values.shape[0] - 1)
+            part = Record(record.values[rows], record.addresses)
+        carry, seen = advance(plant, carry, part)
+        parts.append(seen)
+        if progress:
+            progress(min(first + chunk, steps), steps)
+    seen: Seen = jax.tree.map(lambda *leaves: jnp.concatenate(leaves)[: steps + 1], *parts)
+    return trajectory(seen, start, motion.displacement, step_s)
+
+
+def as_run(name: str, model: Model, plant: System, path: Trajectory, step_s: float) -> Run:
+    """A trajectory by the drawing's own names."""
+    topology = model.topology
+    slots = {body: i for i, body in enumerate(topology.body_ids) if body is not None}
+    attitude = np.asarray(path.pose.quaternion)
+    spin = np.asarray(path.velocity[:, :, 3:])
+    origin, origin_speed = (np.asarray(x) for x in eqx.filter_jit(_origins)(plant, path))
+    force, torque = (np.asarray(x) for x in eqx.filter_jit(reactions)(plant, path))
+    markers = np.asarray(eqx.filter_jit(points.marker_paths)(model, plant, path))
+    joints = list(enumerate(topology.joint_ids))
+    return Run(
+        mechanism=name,
+        step_s=step_s,
+        time_s=np.asarray(path.time_s),
+        position_m={b: origin[:, i] for b, i in slots.items()},
+        quaternion_wxyz={b: attitude[:, i] for b, i in slots.items()},
+        velocity_m_per_s={b: origin_speed[:, i] for b, i in slots.items()},
+        angular_velocity_rad_per_s={b: spin[:, i] for b, i in slots.items()},
+        q={j: np.asarray(path.q[:, i]) for i, j in joints if plant.coordinate[i] is not None},
+        reaction_force_n={j: force[:, i] for i, j in joints},
+        reaction_torque_n_m={j: torque[:, i] for i, j in joints},
+        markers_m={m: markers[:, i] for i, m in enumerate(model.marker_ids)},
+        kinetic_j=np.asarray(eqx.filter_jit(invariants.kinetic_energy)(plant, path)),
+        potential_j=np.asarray(eqx.filter_jit(invariants.potential_energy)(plant, path)),
+        constraint_error_m=np.asarray(eqx.filter_jit(invariants.constraint_error)(plant, path)),
+        iterations=np.asarray(path.iterations),
+        result=_result(plant, path, step_s),
+    )
+
+
+def reactions(
+    plant: System, path: Trajectory
+) -> tuple[Float[Array, "nodes joints 3"], Float[Array, "nodes joints 3"]]:
+    """Force [N] and torque [N m] that each joint puts on its body B, at the joint, in W.
+
+    In an overconstrained mechanism they are those of equally stiff joints (compliance); see docs/physics.md.
+    """
+
+    def at(pose, carried: Array) -> tuple[Array, Array]:
+        placed = kinematics.bodies(plant, pose)
+        a, b = plant.pairs.T
+        axes_W = jnp.einsum("jab,jbc->jac", placed.rotation[a], plant.axes_a)
+        turning = kinematics.rows(plant, placed).jacobian[:, 3:, 9:]
+        torque_B = jnp.sum(turning * carried[:, 3:, None], 1)
+        force = jnp.einsum("jab,jb->ja", axes_W, carried[:, :3])
+        return force, jnp.einsum("jab,jb->ja", placed.rotation[b], torque_B)
+
+    return jax.vmap(at)(path.pose, path.reaction)
+
+
+def _origins(plant: System, path: Trajectory) -> tuple[Array, Array]:
+    slots = plant.topology.slots
+
+    def at(pose, velocity: Array) -> tuple[Array, Array]:
+        lever = -plant.center_of_mass[:slots]
+        speed = velocity[:, :3] + jnp.einsum(
+            "bij,bj->bi", quaternion.rotation(pose.quaternion), jnp.cross(velocity[:, 3:], lever)
+        )
+        return points.origins(plant, pose)[:slots], speed
+
+    return jax.vmap(at)(path.pose, path.velocity)
+
+
+def _result(plant: System, path: Trajectory, step_s: float) -> str:
+    lost = np.flatnonzero(np.asarray(path.lost))
+    if lost.size == 0:
+        return "done"
+    node = int(lost[0])
+    pose = jax.tree.map(lambda leaf: leaf[node], path.pose)
+    gap = worst_gap(plant, pose)
+    return (
+        f"the step at {node * step_s:.6g} s could not be solved (residual {float(path.error[node]):.2g} of the "
+        f"mechanism's length, worst near joint '{gap.joint}'); the motion is frozen there. "
+        f"Try a smaller step than {step_s:g} s."
+    )
