@@ -11,9 +11,7 @@ from pydantic import Field, model_validator
 from backend.mechanism.part import Id, Part, Vector3
 from backend.mechanism.pose import Pose
 
-TRIANGLE_TOLERANCE = (
-    1e-6  # relative: a flat plate meets the inequality with equality, and mass properties are rounded
-)
+TRIANGLE_TOLERANCE = 1e-6  # relative: a flat plate meets the inequality with equality, and mass properties are rounded
 
 
 class Inertia(Part):
@@ -28,9 +26,7 @@ class Inertia(Part):
 
     def matrix(self) -> np.ndarray:
         """The symmetric (3, 3) tensor [kg m²]."""
-        return np.array(
-            [[self.xx, self.xy, self.xz], [self.xy, self.yy, self.yz], [self.xz, self.yz, self.zz]]
-        )
+        return np.array([[self.xx, self.xy, self.xz], [self.xy, self.yy, self.yz], [self.xz, self.yz, self.zz]])
 
     def principal_moments(self) -> tuple[float, float, float]:
         """Moments about the principal axes, ascending [kg m²]."""
@@ -90,9 +86,7 @@ class Body(Part):
             raise ValueError(fault)
         if not self.fixed and not mass > 0.0:
             number = "no inertial" if self.inertial is None else f"mass {mass:g} kg"
-            raise ValueError(
-                f"moves but has {number}; give the part a material with a density, or declare it fixed"
-            )
+            raise ValueError(f"moves but has {number}; give the part a material with a density, or declare it fixed")
         return self
 
     def moving_inertial(self) -> Inertial:

@@ -55,9 +55,7 @@ def assemble(mechanism: Mechanism, joints: list[Joint], length: float) -> Assemb
         normal = matrix.T @ matrix
         normal[np.diag_indices_from(normal)] += DAMPING
         step = -np.linalg.solve(normal, matrix.T @ error).reshape(-1, 6)
-        step *= min(
-            1.0, 0.5 / max(np.max(np.abs(step)), 1e-300)
-        )  # beyond half a radian the linear picture is off
+        step *= min(1.0, 0.5 / max(np.max(np.abs(step)), 1e-300))  # beyond half a radian the linear picture is off
         step[:, :3] *= length
         for _ in range(12):
             trial = placement.moved(moving, step)
@@ -79,8 +77,7 @@ def too_long(mechanism: Mechanism, loop: Loop, normal: np.ndarray | None) -> str
     if normal is None or any(joint.type != "revolute" for joint in joints):
         return None
     lengths = {
-        body: _spacing(mechanism, joints[at - 1], joints[at], body, normal)
-        for at, body in enumerate(loop.bodies)
+        body: _spacing(mechanism, joints[at - 1], joints[at], body, normal) for at, body in enumerate(loop.bodies)
     }
     longest = max(lengths, key=lambda body: lengths[body])
     rest = [body for body in loop.bodies if body != longest]

@@ -68,9 +68,7 @@ def rotation(vector: np.ndarray) -> np.ndarray:
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     """Rotation vector [rad] of a rotation matrix; half a turn has two, and gets one of them."""
-    twice_sine = np.array(
-        [matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]
-    )
+    twice_sine = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
     sine, cosine = 0.5 * float(np.linalg.norm(twice_sine)), 0.5 * (float(np.trace(matrix)) - 1.0)
     angle = float(np.arctan2(sine, cosine))
     if cosine > 0.0 or sine > 1e-6:
@@ -116,9 +114,7 @@ def joint_gap(mechanism: Mechanism, joint: Joint, placement: Placement, index: d
     return JointGap(masked_gap, masked_turn, float(q))
 
 
-def _frame(
-    body: str, frame: Frame, placement: Placement, index: dict[str, int]
-) -> tuple[np.ndarray, np.ndarray]:
+def _frame(body: str, frame: Frame, placement: Placement, index: dict[str, int]) -> tuple[np.ndarray, np.ndarray]:
     R_WB = placement.rotations[index[body]]
     return placement.positions[index[body]] + R_WB @ np.array(frame.position_m), R_WB @ frame.rotation()
 
@@ -155,9 +151,7 @@ def jacobian(mechanism: Mechanism, joints: list[Joint], placement: Placement, le
             arm = (p_Wb - placement.positions[body]) / length
             block = np.zeros((6, 6))
             block[:3, :3] = R_Wa.T
-            block[:3, 3:] = R_Wa.T @ np.array(
-                [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
-            )
+            block[:3, 3:] = R_Wa.T @ np.array([[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]])
             block[3:, 3:] = R_Wa.T
             held = [*held_gap, *(3 + axis for axis in held_turn)]
             at = column[body]

@@ -16,11 +16,7 @@ from backend.mechanism.part import Id, Part
 def _places(on: Any) -> Any:
     if on == "all":
         return on
-    if (
-        not isinstance(on, list | tuple)
-        or not on
-        or not all(isinstance(place, str) and place for place in on)
-    ):
+    if not isinstance(on, list | tuple) or not on or not all(isinstance(place, str) and place for place in on):
         raise ValueError(f'on is {on!r}; write "all", or a list of ids such as ["j1"]')
     if len(set(on)) < len(on):
         raise ValueError(f"on names a part twice ({', '.join(on)}); name each once")
@@ -62,9 +58,7 @@ class Effect(Part):
 def kind_named(kind: str) -> EffectKind:
     """The declared kind; ValueError with a remedy when there is none of that name."""
     if kind == "gravity":
-        raise ValueError(
-            'kind "gravity" is not an effect in the file; set the field gravity_m_per_s2 of the mechanism'
-        )
+        raise ValueError('kind "gravity" is not an effect in the file; set the field gravity_m_per_s2 of the mechanism')
     kinds = effect_kinds()
     if kind not in kinds:
         raise ValueError(f'kind "{kind}" is unknown. {known(kinds)}')
@@ -127,9 +121,7 @@ def _joint_type_faults(
     for joint_id, joint_type in joints.items():
         if not any(spec.suits(joint_type) for spec in kind.parameters.values()):
             where = kind.joint_types()
-            faults.append(
-                f'{kind.name} does not act at joint "{joint_id}", which is {joint_type}; it acts at {where}'
-            )
+            faults.append(f'{kind.name} does not act at joint "{joint_id}", which is {joint_type}; it acts at {where}')
         elif bound and not any(spec.suits(joint_type) for spec in given):
             name = bound[0].name
             others = [spec.name for spec in kind.parameters.values() if spec.suits(joint_type)]

@@ -163,10 +163,7 @@ def _closure(joint: Joint, found: JointGap) -> Closure:
 
 
 def _all_closed(found: dict[str, JointGap]) -> bool:
-    return all(
-        np.linalg.norm(gap.gap) <= CLOSED_M and np.linalg.norm(gap.turn) <= CLOSED_RAD
-        for gap in found.values()
-    )
+    return all(np.linalg.norm(gap.gap) <= CLOSED_M and np.linalg.norm(gap.turn) <= CLOSED_RAD for gap in found.values())
 
 
 def _apart(found: JointGap) -> str:
@@ -186,9 +183,7 @@ def _closure_findings(
     if _all_closed(opened):
         return [], []
     limit_m = OPEN_SHARE * length
-    worst = max(
-        opened, key=lambda id: np.linalg.norm(opened[id].gap) / length + np.linalg.norm(opened[id].turn)
-    )
+    worst = max(opened, key=lambda id: np.linalg.norm(opened[id].gap) / length + np.linalg.norm(opened[id].turn))
     loop = next((loop for loop in graph.loops if worst in loop.joints), None)
     where = f'joint "{worst}"' + (f" of loop {'-'.join(loop.joints)}" if loop else "")
     apart = f"{where}: its two frames are drawn {_apart(opened[worst])} apart"
@@ -197,20 +192,15 @@ def _closure_findings(
         if impossible:
             return impossible, []
         return [f"{apart}, and no nearby pose closes all joints; check its frames and the pin spacing"], []
-    rough = any(
-        np.linalg.norm(gap.gap) > limit_m or np.linalg.norm(gap.turn) > OPEN_RAD for gap in opened.values()
-    )
+    rough = any(np.linalg.norm(gap.gap) > limit_m or np.linalg.norm(gap.turn) > OPEN_RAD for gap in opened.values())
     if rough:
-        return [
-            f"{apart}, more than {limits}; draw the bodies closer to the pose in which the joints meet"
-        ], []
+        return [f"{apart}, more than {limits}; draw the bodies closer to the pose in which the joints meet"], []
     return [], [f"{apart}; assembly closes it by shifting bodies up to {1e3 * assembly.moved_m:.4g} mm"]
 
 
 def _graph_findings(mechanism: Mechanism, graph: Connectivity) -> list[str]:
     found = [
-        f"bodies {', '.join(group)} are tied to nothing fixed and will fall freely; "
-        "add a joint if that is not meant"
+        f"bodies {', '.join(group)} are tied to nothing fixed and will fall freely; add a joint if that is not meant"
         for group in graph.floating
     ]
     return found + [
@@ -231,12 +221,7 @@ def _part_findings(mechanism: Mechanism, opened: dict[str, JointGap]) -> list[st
                     f'joint "{joint.id}" is drawn at {q:.4g} {unit}, outside its limits {low:g} to {high:g}; '
                     "correct the limits or the pose"
                 )
-        if (
-            (fit := joint.fit) is not None
-            and fit.pin_diameter_m
-            and fit.hole_diameter_m
-            and fit.radial_clearance_m
-        ):
+        if (fit := joint.fit) is not None and fit.pin_diameter_m and fit.hole_diameter_m and fit.radial_clearance_m:
             half = 0.5 * (fit.hole_diameter_m - fit.pin_diameter_m)
             if abs(half - fit.radial_clearance_m) > 1e-3 * fit.radial_clearance_m + 1e-9:
                 found.append(

@@ -51,62 +51,67 @@ def connectivity(mechanism: Mechanism) -> Connectivity:
         neighbours[a].append((b, joint))
         neighbours[b].append((a, joint))
 
-    parent: dict[str, tuple[str, Joint] | None] = {}
     tree: dict[str, None] = {}
-    closing: dict[str, tuple[str, str, Joint]] = {}
-    floating = []
+    closing: list[tuple[str, str, Joint]] = []
+    floating: list[tuple[str, ...]] = []
+    reached: dict[str, int] = {}
+    used = set(idle)
     for root in neighbours:
-        if root in parent:
+        if root in reached:
             continue
-        parent[root] = None
-        reached, queue = [root], deque([root])
+        group, queue = [root], deque([root])
+        reached[root] = len(reached)
         while queue:
             body = queue.popleft()
             for other, joint in neighbours[body]:
-                if joint.id in tree or joint.id in closing:
+                if joint.id in used:
                     continue
-                if other in parent:
-                    closing[joint.id] = (body, other, joint)
+                used.add(joint.id)
+                if other in reached:
+                    closing.append((body, other, joint))
                     continue
-                parent[other] = (body, joint)
+                reached[other] = len(reached)
                 tree[joint.id] = None
-                reached.append(other)
+                group.append(other)
                 queue.append(other)
         if root != GROUND:
-            floating.append(tuple(reached))
+            floating.append(tuple(group))
     order = {joint.id: at for at, joint in enumerate(mechanism.joints)}
-    loops = tuple(_loop(a, b, joint, parent, fixed, order) for a, b, joint in closing.values())
-    return Connectivity(loops, tuple(tree), tuple(idle), tuple(floating))
+    walked, loops = set(tree), []
+    for a, b, joint in closing:
+        ring = [(b, joint), *_shortest(b, a, neighbours, walked)]
+        loops.append(_loop(ring, fixed, reached, order))
+        walked.add(joint.id)  # later loops may use it, so that they come out short; they stay independent
+    return Connectivity(tuple(loops), tuple(tree), tuple(idle), tuple(floating))
 
 
-def _loop(
-    a: str,
-    b: str,
-    closing: Joint,
-    parent: dict[str, tuple[str, Joint] | None],
-    fixed: set[str],
-    order: dict[str, int],
-) -> Loop:
-    """Down the tree from the common ancestor to a, across the closing joint to b, and back up."""
-    down, up = _ascent(a, parent), _ascent(b, parent)
-    while down and up and down[-1][1] is up[-1][1]:  # the shared way to the root is no part of the loop
-        down.pop()
-        up.pop()
-    ancestor = down[-1][0] if down else a
-    start = parent[ancestor][0] if down and parent[ancestor] else ancestor  # type: ignore[index]
-    bodies = [start, *(body for body, _ in reversed(down)), *(body for body, _ in up)]
-    joints = [*(joint for _, joint in reversed(down)), closing, *(joint for _, joint in up)]
-    if order[joints[0].id] > order[joints[-1].id]:  # told the way round in which it was drawn
+def _shortest(
+    start: str, goal: str, neighbours: dict[str, list[tuple[str, Joint]]], walked: set[str]
+) -> list[tuple[str, Joint]]:
+    """The steps (body reached, joint taken) from start to goal over the joints in `walked`."""
+    came: dict[str, tuple[str, Joint]] = {}
+    queue = deque([start])
+    while goal not in came:
+        body = queue.popleft()
+        for other, joint in neighbours[body]:
+            if joint.id in walked and other != start and other not in came:
+                came[other] = (body, joint)
+                queue.append(other)
+    steps, body = [], goal
+    while body != start:
+        before, joint = came[body]
+        steps.append((body, joint))
+        body = before
+    return steps[::-1]
+
+
+def _loop(ring: list[tuple[str, Joint]], fixed: set[str], reached: dict[str, int], order: dict[str, int]) -> Loop:
+    """The ring of (body reached, joint taken), from its innermost body, in the direction it was drawn."""
+    first = min(range(len(ring)), key=lambda at: reached[ring[at][0]])
+    bodies = [ring[(first + at) % len(ring)][0] for at in range(len(ring))]
+    joints = [ring[(first + 1 + at) % len(ring)][1] for at in range(len(ring))]
+    if order[joints[0].id] > order[joints[-1].id]:
         bodies[1:], joints = bodies[:0:-1], joints[::-1]
     if bodies[0] == GROUND:
         bodies[0] = next(body for body in (joints[0].body_a, joints[0].body_b) if body in fixed)
     return Loop(tuple(bodies), tuple(joint.id for joint in joints))
-
-
-def _ascent(body: str, parent: dict[str, tuple[str, Joint] | None]) -> list[tuple[str, Joint]]:
-    """The bodies from here up to below the root, each with the joint to its parent."""
-    path = []
-    while (step := parent[body]) is not None:
-        path.append((body, step[1]))
-        body = step[0]
-    return path

@@ -72,17 +72,19 @@ def redundant_by_joint(
     if not rank.redundant:
         return {}
     matrix = jacobian(mechanism, joints, placement, length)
-    basis = np.zeros((matrix.shape[1], 0))
+    basis = np.zeros((matrix.shape[1], rank.rank + 6), order="F")
+    known = 0
     found: dict[str, int] = {}
     row = 0
     for joint in joints:
         block = matrix[row : row + rows(joint)].T
         row += rows(joint)
         for _ in range(2):  # once loses digits to cancellation, twice is enough (Kahan and Parlett)
-            block = block - basis @ (basis.T @ block)
+            block = block - basis[:, :known] @ (basis[:, :known].T @ block)
         u, values, _ = np.linalg.svd(block, full_matrices=False)
-        new = int(np.sum(values > rank.threshold))
-        basis = np.hstack([basis, u[:, :new]])
+        new = min(int(np.sum(values > rank.threshold)), basis.shape[1] - known)
+        basis[:, known : known + new] = u[:, :new]
+        known += new
         if new < rows(joint):
             found[joint.id] = rows(joint) - new
     return found
@@ -96,9 +98,7 @@ def count_in_space(mechanism: Mechanism, joints: list[Joint]) -> int:
 def plane_normal(joints: list[Joint], axes: np.ndarray) -> np.ndarray | None:
     """Normal of the common plane of motion, or None when the axes (joints, 3, in W) do not share one."""
     along = [
-        axis
-        for joint, axis in zip(joints, axes, strict=True)
-        if joint.type in ("revolute", "cylindrical", "planar")
+        axis for joint, axis in zip(joints, axes, strict=True) if joint.type in ("revolute", "cylindrical", "planar")
     ]
     across = [axis for joint, axis in zip(joints, axes, strict=True) if joint.type == "prismatic"]
     if not along and not across:

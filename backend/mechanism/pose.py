@@ -18,8 +18,7 @@ def _unit(quaternion: tuple[float, float, float, float]) -> tuple[float, float, 
     norm = math.hypot(*quaternion)
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise ValueError(
-            f"has norm {norm:.9g}, not 1; a rotation is a unit quaternion [w, x, y, z]: "
-            "divide all four by the norm"
+            f"has norm {norm:.9g}, not 1; a rotation is a unit quaternion [w, x, y, z]: divide all four by the norm"
         )
     if abs(norm - 1.0) <= ROUNDING:
         return quaternion
@@ -29,9 +28,7 @@ def _unit(quaternion: tuple[float, float, float, float]) -> tuple[float, float, 
 
 Quaternion = Annotated[
     tuple[float, float, float, float],
-    Field(
-        strict=False, description="unit quaternion [w, x, y, z], rotates frame coordinates into the parent's"
-    ),
+    Field(strict=False, description="unit quaternion [w, x, y, z], rotates frame coordinates into the parent's"),
     AfterValidator(_unit),
 ]
 

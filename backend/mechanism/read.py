@@ -72,9 +72,7 @@ def parse_study(
             problems += [f"{origin}: {problem}" for problem in error.problems]
     if problems:
         raise DrawingError(problems, source)
-    return Study(
-        mechanism, tuple(experiments), file.tolerances, Path(source) if Path(source).is_file() else None
-    )
+    return Study(mechanism, tuple(experiments), file.tolerances, Path(source) if Path(source).is_file() else None)
 
 
 def parse(model: type[Document], document: Any, source: str) -> Document:
@@ -144,9 +142,7 @@ class _Folder:
         except (ValueError, OSError, RuntimeError) as error:
             raise DrawingError(f"{uri!r} is not a path ({error})", self.source) from None
         if not inside:
-            raise DrawingError(
-                f'path "{uri}" leaves the folder of the study; put the file beside it', self.source
-            )
+            raise DrawingError(f'path "{uri}" leaves the folder of the study; put the file beside it', self.source)
         return path
 
 
@@ -182,9 +178,7 @@ def decode(text: str, source: str) -> Any:
         if len(found) < len(pairs):
             keys = [key for key, _ in pairs]
             twice = sorted({key for key in keys if keys.count(key) > 1})
-            raise DrawingError(
-                f"key {', '.join(map(repr, twice))} stands twice in one object; keep one", source
-            )
+            raise DrawingError(f"key {', '.join(map(repr, twice))} stands twice in one object; keep one", source)
         return found
 
     def finite(literal: str) -> Any:

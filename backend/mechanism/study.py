@@ -120,9 +120,7 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
             yield f'experiment "{id}" stands {count} times in the file; ids are unique: rename all but one'
     for experiment in study.experiments:
         where = f'experiment "{experiment.id}"'
-        if not (
-            experiment.tracks or experiment.joint_positions or experiment.joint_efforts or experiment.video
-        ):
+        if not (experiment.tracks or experiment.joint_positions or experiment.joint_efforts or experiment.video):
             yield f"{where} has 0 tables of measurements; name its tracks, joint_positions or joint_efforts"
         for id, parameters in experiment.overrides.items():
             ids = [effect.id for effect in mechanism.effects]

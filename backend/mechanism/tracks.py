@@ -56,9 +56,7 @@ TABLES = {
         extra=("frame", "x_px", "y_px", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2", "status"),
     ),
     "joint_positions": TableFormat(("joint",), ("joint",), ("time_s", "q", "sigma"), ("time_s",), "sigma"),
-    "inputs": TableFormat(
-        ("effect", "parameter"), ("effect", "parameter"), ("time_s", "value"), ("time_s", "value")
-    ),
+    "inputs": TableFormat(("effect", "parameter"), ("effect", "parameter"), ("time_s", "value"), ("time_s", "value")),
     "joint_efforts": TableFormat(("joint",), ("joint",), ("time_s", "effort", "sigma"), ("time_s",), "sigma"),
 }
 
@@ -104,9 +102,7 @@ def _csv(path: Path) -> dict[str, Any]:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = list(csv.reader(file, strict=True))
     except (OSError, UnicodeError, csv.Error, ValueError) as error:
-        raise DrawingError(
-            f"cannot be read as CSV ({error}); check the path and the file", str(path)
-        ) from None
+        raise DrawingError(f"cannot be read as CSV ({error}); check the path and the file", str(path)) from None
     if not rows or not any(rows[0]):
         raise DrawingError("is empty; the first row names the columns", str(path))
     header = [cell.strip() for cell in rows[0]]
@@ -136,9 +132,7 @@ def _parquet(path: Path) -> dict[str, Any]:
         frame = pd.read_parquet(path)
     except (OSError, ValueError) as error:  # pyarrow's own errors derive from these
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DrawingError(
-            f"cannot be read as Parquet ({reason}); check the path and the file", str(path)
-        ) from None
+        raise DrawingError(f"cannot be read as Parquet ({reason}); check the path and the file", str(path)) from None
     return {str(name): frame[name].to_numpy(dtype=object) for name in frame.columns}
 
 
@@ -203,9 +197,7 @@ def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]
             rows = np.flatnonzero((table["effect"] == effect) & (table["parameter"] == parameter))
             values = table["value"][rows]
             low, high = spec.lower, spec.upper
-            wrong = (values < (-np.inf if low is None else low)) | (
-                values > (np.inf if high is None else high)
-            )
+            wrong = (values < (-np.inf if low is None else low)) | (values > (np.inf if high is None else high))
             for at in rows[wrong][:1]:
                 bounds = f"{'-inf' if low is None else low} to {'inf' if high is None else high}"
                 value = f"{table['value'][at]:g}"

@@ -103,9 +103,7 @@ def fourbar(ground=0.08, crank=0.02, coupler=0.07, rocker=0.05, angle=1.0, miss=
     joints = [
         joint("A", "ground", "crank"),
         joint("B", "crank", "coupler", at_B),
-        joint(
-            "C", "coupler", "rocker", frame([*(coupler + miss) * to_C, 0]), frame([*rocker * to_rocker, 0])
-        ),
+        joint("C", "coupler", "rocker", frame([*(coupler + miss) * to_C, 0]), frame([*rocker * to_rocker, 0])),
         joint("D", "ground", "rocker", at_D),
     ]
     return document("fourbar", bodies, joints)

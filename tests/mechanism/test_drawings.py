@@ -59,9 +59,7 @@ FORMATS_KINDS = {
 
 numbers = st.floats(-1e3, 1e3, allow_nan=False)
 vectors = st.tuples(numbers, numbers, numbers).map(list)
-names = st.text(
-    st.characters(categories=["L", "N", "P", "S"]), min_size=1, max_size=8
-)  # anything that can be seen
+names = st.text(st.characters(categories=["L", "N", "P", "S"]), min_size=1, max_size=8)  # anything that can be seen
 
 
 @st.composite
@@ -90,9 +88,7 @@ def inertias(draw):
 def mechanisms(draw):
     ids = draw(st.lists(names, min_size=2, max_size=5, unique=True))
     bodies = [{"id": ids[0], "fixed": True, "pose": draw(frames())}]
-    bodies += [
-        {"id": id, "fixed": False, "pose": draw(frames()), "inertial": draw(inertias())} for id in ids[1:]
-    ]
+    bodies += [{"id": id, "fixed": False, "pose": draw(frames()), "inertial": draw(inertias())} for id in ids[1:]]
     joints = []
     for at in range(draw(st.integers(0, 4))):
         a, b = draw(st.permutations(ids))[:2]
@@ -271,9 +267,7 @@ def test_every_kind_of_the_format_is_known():
 
 def test_what_is_simulated_does_not_stand_among_the_reserved():
     folder = Path(sys.modules["backend.mechanism.kinds"].__file__).parent
-    both = [
-        set(json.loads((folder / f"{name}_kinds.json").read_text("utf-8"))) for name in ("effect", "reserved")
-    ]
+    both = [set(json.loads((folder / f"{name}_kinds.json").read_text("utf-8"))) for name in ("effect", "reserved")]
     assert both[0] & both[1] == set()
 
 

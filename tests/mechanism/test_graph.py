@@ -54,6 +54,7 @@ def test_a_fourbar_has_one_loop_and_three_rows_too_many_in_space(drawings):
 
 def test_a_loop_names_joints_that_connect_its_neighbouring_bodies(drawings):
     mechanism = parse_mechanism(drawings.scissor(4))
+    assert all(len(loop.joints) == 4 for loop in describe(mechanism).loops)  # one cell each, none around two
     fixed = {body.id for body in mechanism.bodies if body.fixed}
     for loop in describe(mechanism).loops:
         assert len(loop.bodies) == len(loop.joints) == len(set(loop.joints))
@@ -66,6 +67,7 @@ def test_a_slider_crank_moves_one_way(drawings):
     found = report(drawings.slider_crank())
     assert found.mobility.by_count_in_plane == found.mobility.by_rank == 1
     assert found.mobility.by_count_in_space == -2
+    assert found.mobility.redundant_rows == 3
     slide = next(joint for joint in found.closure if joint.joint == "S")
     assert slide.q == pytest.approx(0.05 * math.cos(0.7) + math.sqrt(0.15**2 - (0.05 * math.sin(0.7)) ** 2))
 
@@ -75,17 +77,17 @@ def test_a_scissor_has_three_redundant_rows_for_each_cell_beyond_the_first(drawi
     found = report(drawings.scissor(cells))
     assert len(found.loops) == cells - 1
     assert found.mobility.by_rank == found.mobility.by_count_in_plane == 1
+    assert found.mobility.by_count_in_space == 4 - 3 * cells
     assert found.mobility.redundant_rows == 3 * (cells - 1)
     assert sum(found.mobility.redundant_by_joint.values()) == 3 * (cells - 1)
-    assert {*found.mobility.redundant_by_joint.values()} == {
-        3
-    }  # each loop repeats its three out-of-plane rows
+    assert {*found.mobility.redundant_by_joint.values()} == {3}  # each loop repeats its three out-of-plane rows
 
 
 def test_bennetts_linkage_moves_although_the_count_forbids_it(drawings):
     found = report(drawings.bennett())
     assert found.mobility.by_count_in_space == -2
     assert found.mobility.by_count_in_plane is None
+    assert found.mobility.redundant_rows == 3
     assert found.mobility.by_rank == 1
     assert found.closes
     assert max(joint.gap_mm for joint in found.closure) < 1e-9  # the hand-written loop closes to rounding
@@ -138,9 +140,7 @@ def test_a_loop_drawn_far_open_is_an_error_even_if_it_could_close(drawings):
 def test_two_joints_that_contradict_each_other_never_close(drawings):
     document = drawings.pendulum()
     elsewhere = drawings.frame([0.05, 0, 0])
-    document["joints"].append(
-        drawings.joint("j2", "ground", "link1", elsewhere, drawings.frame([0.056, 0, 0]))
-    )
+    document["joints"].append(drawings.joint("j2", "ground", "link1", elsewhere, drawings.frame([0.056, 0, 0])))
     found = report(document)
     assert not found.closes
     assert "Loop" in found.errors[0]
@@ -177,9 +177,7 @@ def test_a_joint_drawn_outside_its_limits_is_warned_about(drawings):
 def test_an_effect_that_cannot_be_simulated_yet_is_warned_about(drawings):
     document = drawings.pendulum()
     document["effects"].append({"id": "e9", "kind": "link_contact", "on": ["ground", "link1"]})
-    assert any(
-        'effect "e9": link_contact is read but not simulated' in text for text in report(document).warnings
-    )
+    assert any('effect "e9": link_contact is read but not simulated' in text for text in report(document).warnings)
 
 
 @settings(max_examples=20, deadline=None)
@@ -219,13 +217,9 @@ def test_the_text_is_for_people_and_the_json_for_programs(drawings):
 @pytest.mark.parametrize("type", sorted(HELD))
 def test_the_constraint_jacobian_is_the_derivative_of_the_gaps(drawings, type):
     rng = np.random.default_rng(7)
-    at_a, at_b = (
-        drawings.frame(rng.normal(size=3), np.array(q) / np.linalg.norm(q)) for q in rng.normal(size=(2, 4))
-    )
+    at_a, at_b = (drawings.frame(rng.normal(size=3), np.array(q) / np.linalg.norm(q)) for q in rng.normal(size=(2, 4)))
     bodies = [drawings.body("ground", fixed=True), drawings.body("a"), drawings.body("b")]
-    mechanism = parse_mechanism(
-        drawings.document(type, bodies, [drawings.joint("j", "a", "b", at_a, at_b, type)])
-    )
+    mechanism = parse_mechanism(drawings.document(type, bodies, [drawings.joint("j", "a", "b", at_a, at_b, type)]))
     joints, moving = list(mechanism.joints), np.array([1, 2])
     # The turn's derivative is exact where the turn is zero: align the frames, then slide along the free axes.
     R_WA, R_WB = mechanism.joints[0].frame_a.rotation(), mechanism.joints[0].frame_b.rotation()

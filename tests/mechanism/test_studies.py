@@ -89,9 +89,7 @@ def test_a_table_without_a_column_of_noise_leaves_it_to_be_estimated(study):
 
 def test_parquet_and_csv_tell_the_same(study, tmp_path):
     def as_parquet(document, tables):
-        frame = pd.DataFrame(
-            {"time_s": [0.0, 0.01], "joint": ["j1", "j1"], "q": [0.1, 0.2], "sigma": [0.001, None]}
-        )
+        frame = pd.DataFrame({"time_s": [0.0, 0.01], "joint": ["j1", "j1"], "q": [0.1, 0.2], "sigma": [0.001, None]})
         frame.to_parquet(tmp_path / "q.parquet")
         document["experiments"][0]["joint_positions"] = "q.parquet"
 
@@ -261,9 +259,7 @@ def test_a_column_of_nonsense_is_told_in_a_few_lines(study):
     assert "995 more" in refusal.value.problems[-1]
 
 
-@pytest.mark.parametrize(
-    "uri", ["../outside.csv", "/etc/hostname", "a/../../outside.csv", "link/outside.csv"]
-)
+@pytest.mark.parametrize("uri", ["../outside.csv", "/etc/hostname", "a/../../outside.csv", "link/outside.csv"])
 def test_a_root_keeps_a_study_inside_its_folder(study, tmp_path, uri):
     (tmp_path / "link").symlink_to(tmp_path.parent)
     with pytest.raises(DrawingError, match="leaves the folder"):
