@@ -1,0 +1,45 @@
+"""Numbers as an engineer writes them: no more digits than are known, in a unit of the bench."""
+
+from __future__ import annotations
+
+import math
+
+AT_THE_BENCH = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3)}
+"""SI unit -> (unit shown, factor). Millimetres appear in reports alone; files keep SI."""
+
+
+def at_the_bench(unit: str) -> tuple[str, float]:
+    """The unit that a report shows for an SI unit, and the factor to it."""
+    return AT_THE_BENCH.get(unit, (unit, 1.0))
+
+
+def shown(value: float | None, digits: int = 3) -> str:
+    """A number to so many significant digits; an en dash where there is none.
+
+    >>> shown(0.0123456), shown(-203.51), shown(2.1e-7), shown(None)
+    ('0.0123', '−204', '2.1e−7', '–')
+    """
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0.0:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e6:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        return f"{mantissa}e{int(exponent)}".replace("-", "−")
+    places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{places}f}".replace("-", "−")
+
+
+def measured(value: float, sd: float | None) -> str:
+    """A value with as many digits as its standard deviation leaves meaningful: two of the deviation.
+
+    >>> measured(203.4863, 1.52), measured(0.011031, 0.0004), measured(0.5, None)
+    ('203.5', '0.01103', '0.500')
+    """
+    if sd is None or not math.isfinite(sd) or sd <= 0.0 or value == 0.0:
+        return shown(value)
+    known = math.floor(math.log10(abs(value))) - math.floor(math.log10(sd)) + 2
+    return shown(value, min(max(known, 2), 9))
