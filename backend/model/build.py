@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.effects.catalogue import effect_of_kind
-from backend.effects.effect import AbstractEffect
+from backend.effects.effect import AbstractEffect, Declaration
 from backend.effects.shapes import AbstractStrut
 from backend.joints.catalogue import joint_of_type
 from backend.mechanism.body import Body
-from backend.mechanism.effect import Effect
+from backend.mechanism.effect import Effect, ParameterValue
 from backend.mechanism.mechanism import Mechanism
 from backend.model.drawing import Drawing
 from backend.model.model import Model, world_axis
@@ -160,7 +160,7 @@ def _pair(member: Effect, fixed: Sequence[str]) -> tuple[str, str]:
     return first, rest[0] if rest else fixed[0]
 
 
-def _value(member: Effect, name: str, declared) -> float | list[float]:
+def _value(member: Effect, name: str, declared: Declaration) -> ParameterValue | list[float]:
     if name in member.parameters:
         return member.parameters[name]
     if declared.default is None:
@@ -181,7 +181,7 @@ def _pose(body: Body | None) -> list[float]:
     return [*body.pose.position_m, *body.pose.quaternion_wxyz]
 
 
-def _rotation(quaternion_wxyz: Sequence[float]) -> Float[np.ndarray, "3 3"]:
+def _rotation(quaternion_wxyz: Sequence[float] | np.ndarray) -> Float[np.ndarray, "3 3"]:
     w, x, y, z = np.asarray(quaternion_wxyz, float) / np.linalg.norm(quaternion_wxyz)
     return np.array(
         [

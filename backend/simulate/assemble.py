@@ -69,9 +69,7 @@ def _close(system: System, reference: Pose, wanted: BodyRows) -> Correction:
 def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Correction, Correction]:
     system, reference, wanted = primals
     now = _close(system, reference, wanted)
-    _, change = jax.jvp(
-        lambda s, w: _residual(s, reference, w, now), (system, wanted), (tangents[0], tangents[2])
-    )
+    _, change = jax.jvp(lambda s, w: _residual(s, reference, w, now), (system, wanted), (tangents[0], tangents[2]))
     here = kinematics.rows(system, kinematics.bodies(system, reference)).jacobian
     return now, _refined(
         change,
@@ -86,9 +84,7 @@ def _residual(system: System, reference: Pose, wanted: BodyRows, now: Correction
     return _balance(system, here, now.xi - wanted, rows.value, now.push)
 
 
-def _direction(
-    system: System, reference: Pose, here: Array, now: Correction, residual: Correction
-) -> Correction:
+def _direction(system: System, reference: Pose, here: Array, now: Correction, residual: Correction) -> Correction:
     """Change of increment and impulses that cancels a residual; linear in it."""
     rows = kinematics.rows(system, kinematics.bodies(system, reference.advance(now.xi)))
     turn = jnp.concatenate([tangent_map(now.xi[:, 3:]), jnp.eye(3)[None]])[

@@ -73,9 +73,7 @@ def joint_efforts(system: System, q: Float[Array, "joints"]) -> Float[Array, "jo
     """Efforts along the joints' coordinates that depend on where the joint is [N m or N]."""
     total = jnp.zeros_like(q)
     for group in system.efforts:
-        total = total + group.summed(
-            q.shape[0], jax.vmap(lambda e, x: e.effort(x))(group.here, q[group.at()])
-        )
+        total = total + group.summed(q.shape[0], jax.vmap(lambda e, x: e.effort(x))(group.here, q[group.at()]))
     return total
 
 

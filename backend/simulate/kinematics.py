@@ -99,9 +99,7 @@ def coordinates(system: System, placed: Bodies) -> Float[Array, "joints"]:
 
 def unwrap(system: System, q: Float[Array, "joints"], near: Float[Array, "joints"]) -> Float[Array, "joints"]:
     """Add whole turns so that turning joints stay near their previous q."""
-    return jnp.where(
-        system.coordinate_rows[:, TURN], q + 2 * jnp.pi * jnp.round((near - q) / (2 * jnp.pi)), q
-    )
+    return jnp.where(system.coordinate_rows[:, TURN], q + 2 * jnp.pi * jnp.round((near - q) / (2 * jnp.pi)), q)
 
 
 def _product(a: Float[Array, "n i j"], b: Float[Array, "n j k"]) -> Float[Array, "n i k"]:

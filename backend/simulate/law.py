@@ -65,14 +65,10 @@ def displacement(system: System, y: Float[Array, "joints 6"]) -> Float[Array, "j
     return jnp.sum(jnp.where(system.coordinate_rows, y, 0.0), -1)
 
 
-def residual(
-    system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: Impulses, barrier: Array
-) -> Impulses:
+def residual(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: Impulses, barrier: Array) -> Impulses:
     """How far the impulses are from what the laws ask: rows, then gap - slack, then γ s - κ."""
     moved = displacement(system, y)
-    give = (
-        y - jnp.where(system.coordinate_rows, drive.target[:, None], 0.0) + system.compliance * impulses.rows
-    )
+    give = y - jnp.where(system.coordinate_rows, drive.target[:, None], 0.0) + system.compliance * impulses.rows
     carried = jnp.sum(jnp.where(free(system), impulses.rows, 0.0), -1)
     dry, _ = _dry(system, drive, moved, impulses.rows)
     own = carried - _smooth(system, drive, moved) - _stop_push(system, impulses.stop) + dry
@@ -164,7 +160,7 @@ def _load(system: System, drive: Drive, rows: Array) -> Array:
 
 def _gaps(system: System, drive: Drive, moved: Array) -> Array:
     q = (drive.q + moved)[np.array(system.stops, dtype=int)][:, None]
-    return STOP_SIDE * (q - system.stop_ends)
+    return jnp.asarray(STOP_SIDE) * (q - system.stop_ends)
 
 
 def _stop_push(system: System, stop: Array) -> Array:

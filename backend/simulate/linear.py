@@ -17,9 +17,7 @@ class Factor(NamedTuple):
     upper: Float[Array, "levels n n"]
 
 
-def factor(
-    topology: Topology, bodies: Float[Array, "slots 6 6"], links: Float[Array, "links 12 12"]
-) -> Factor:
+def factor(topology: Topology, bodies: Float[Array, "slots 6 6"], links: Float[Array, "links 12 12"]) -> Factor:
     """Eliminate level by level the matrix with these blocks on bodies and between the bodies of links."""
     levels, width, n = topology.levels, topology.width, 6 * topology.width
     blocks = links.reshape(-1, 2, 6, 2, 6).transpose(0, 1, 3, 2, 4).reshape(-1, 6, 6)

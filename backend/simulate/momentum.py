@@ -40,6 +40,4 @@ def momentum_slope(system: System, xi: BodyRows, step_s: float | Array) -> Float
 
 def instantaneous(system: System, velocity: BodyRows) -> BodyRows:
     """M v: momentum of a velocity (turn rate in body axes)."""
-    return jnp.concatenate(
-        [system.mass[:, None] * velocity[:, :3], apply(system.inertia, velocity[:, 3:])], -1
-    )
+    return jnp.concatenate([system.mass[:, None] * velocity[:, :3], apply(system.inertia, velocity[:, 3:])], -1)

@@ -25,9 +25,7 @@ def marker_paths(model: Model, system: System, trajectory: Trajectory) -> Float[
     return jax.vmap(lambda pose: marker_positions(model, system, pose))(trajectory.pose)
 
 
-def marker_velocities(
-    model: Model, system: System, trajectory: Trajectory
-) -> Float[Array, "nodes markers 3"]:
+def marker_velocities(model: Model, system: System, trajectory: Trajectory) -> Float[Array, "nodes markers 3"]:
     """World velocities of the drawing's markers over a motion [m/s]."""
     which = np.array(model.marker_bodies, dtype=int)
     lever = system.point(which, model.marker_points)

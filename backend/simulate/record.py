@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -44,14 +45,12 @@ def on_steps(
         row = model.parameters.get((effect, name))
         if row is None or row.declaration.drive is None:
             takes = [f"{e}.{p}" for (e, p), r in model.parameters.items() if r.declaration.drive]
-            raise ValueError(
-                f"'{effect}.{name}' takes no recorded input; inputs here: {', '.join(takes) or 'none'}"
-            )
+            raise ValueError(f"'{effect}.{name}' takes no recorded input; inputs here: {', '.join(takes) or 'none'}")
         if row.declaration.drive == "end":
             columns.append(held_value(times, values, nodes + step_s))
         else:
             columns.append(mean_value(times, values, nodes - 0.5 * step_s, nodes + 0.5 * step_s))
-    return Record(np.stack(columns, -1), tuple(address for address, _, _ in series))
+    return Record(jnp.asarray(np.stack(columns, -1)), tuple(address for address, _, _ in series))
 
 
 def held_value(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -76,7 +75,5 @@ def _with_value(system: System, effect: str, name: str, value: Array) -> System:
         for index, group in enumerate(groups):
             if effect in group.ids and name in group.effect.declarations():
                 leaf = getattr(group.effect, name).at[group.ids.index(effect)].set(value)
-                return eqx.tree_at(
-                    lambda s, f=field, i=index: getattr(getattr(s, f)[i].effect, name), system, leaf
-                )
+                return eqx.tree_at(lambda s, f=field, i=index: getattr(getattr(s, f)[i].effect, name), system, leaf)
     raise KeyError(f"'{effect}.{name}' is not a drive of this system")

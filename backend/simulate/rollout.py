@@ -11,10 +11,11 @@ from jaxtyping import Array, Bool, Float, Int
 from backend.model.state import Pose, Start
 from backend.model.system import System
 from backend.simulate import forces, kinematics
+from backend.simulate.equations import Motion, lengthening
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
 from backend.simulate.record import Record
-from backend.simulate.step import Motion, lengthening, step
+from backend.simulate.step import step
 
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
 
@@ -68,9 +69,7 @@ def depart(system: System, start: Start, step_s: float | Array) -> Motion:
     )
 
 
-def joint_rates(
-    system: System, jacobian: Float[Array, "joints 6 12"], velocity: Array
-) -> Float[Array, "joints"]:
+def joint_rates(system: System, jacobian: Float[Array, "joints 6 12"], velocity: Array) -> Float[Array, "joints"]:
     """Rate of every coordinate under a velocity (or displacement under an increment) of the bodies."""
     along = jnp.sum(jnp.where(system.coordinate_rows[:, :, None], jacobian, 0.0), 1)
     pairs = jnp.concatenate([velocity, jnp.zeros_like(system.fixed_position).repeat(2, 1)])[system.pairs]
@@ -122,17 +121,13 @@ def march(
         lost = lost | ~(solved.error < LOST)
         kept = jax.tree.map(lambda old, new: jnp.where(lost, old, new), motion, after)
         rows = solved.unknowns.impulses.rows
-        seen = Seen(
-            motion.pose, kept.xi, kept.displacement, motion.q, rows, solved.iterations, solved.error, lost
-        )
+        seen = Seen(motion.pose, kept.xi, kept.displacement, motion.q, rows, solved.iterations, solved.error, lost)
         return (kept, lost), seen
 
     return lax.scan(advance, carry, None if record is None else record.values, length=steps)
 
 
-def trajectory(
-    seen: Seen, start: Start, displacement: Float[Array, "joints"], step_s: float | Array
-) -> Trajectory:
+def trajectory(seen: Seen, start: Start, displacement: Float[Array, "joints"], step_s: float | Array) -> Trajectory:
     """Nodes of a motion from its steps, one fewer; displacement: of the coordinates, in a step before the start."""
     nodes = seen.q.shape[0]
     return Trajectory(

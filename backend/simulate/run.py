@@ -22,9 +22,7 @@ from backend.simulate.record import Record, on_steps
 from backend.simulate.rollout import Seen, Trajectory, depart, march, trajectory
 
 CHUNK = 250  # steps between two reports of progress
-OPEN_JOINT = (
-    1e-6  # mechanism lengths (and rad) that assembly may leave open: ten times what STEP files round to
-)
+OPEN_JOINT = 1e-6  # mechanism lengths (and rad) that assembly may leave open: ten times what STEP files round to
 
 Progress = Callable[[int, int], None]
 Series = tuple[Address, np.ndarray, np.ndarray]
@@ -153,9 +151,7 @@ def as_run(name: str, model: Model, plant: System, path: Trajectory, step_s: flo
     )
 
 
-def reactions(
-    plant: System, path: Trajectory
-) -> tuple[Float[Array, "nodes joints 3"], Float[Array, "nodes joints 3"]]:
+def reactions(plant: System, path: Trajectory) -> tuple[Float[Array, "nodes joints 3"], Float[Array, "nodes joints 3"]]:
     """Force [N] and torque [N m] that each joint puts on its body B, at the joint, in W.
 
     In an overconstrained mechanism they are those of equally stiff joints (compliance); see docs/physics.md.

@@ -9,9 +9,7 @@ def apply(matrix: Float[Array, "*batch i j"], vector: Float[Array, "*batch j"]) 
     return jnp.sum(matrix * vector[..., None, :], -1)
 
 
-def apply_transposed(
-    matrix: Float[Array, "*batch i j"], vector: Float[Array, "*batch i"]
-) -> Float[Array, "*batch j"]:
+def apply_transposed(matrix: Float[Array, "*batch i j"], vector: Float[Array, "*batch i"]) -> Float[Array, "*batch j"]:
     """Mᵀ v."""
     return jnp.sum(matrix * vector[..., :, None], -2)
 

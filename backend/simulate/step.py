@@ -1,27 +1,27 @@
-"""One time step: predict, then close the joints by Newton's method, differentiable through its solution.
-
-Constraint and friction impulses act along the joints' rows at q_k; the rows are met at q_{k+1} (a variational
-integrator in the manner of SHAKE, second order).  The unknowns are one increment ξ per body and the impulses; the
-laws of the joints are condensed, so that the linear system has one 6 x 6 block per body.
-"""
+"""One time step: predict, then close the joints by Newton's method, differentiable through its solution."""
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from backend.frames.quaternion import tangent_map
-from backend.joints.joint import TURN
-from backend.model.state import Pose
 from backend.model.system import System
-from backend.simulate import forces, kinematics, law, linear
-from backend.simulate.law import Drive, Impulses
-from backend.simulate.momentum import BodyRows, momentum, momentum_slope
-from backend.simulate.small import apply
+from backend.simulate import kinematics, law
+from backend.simulate.equations import (
+    Frame,
+    Motion,
+    Unknowns,
+    ahead,
+    direction,
+    equations,
+    frame,
+    lengthening,
+    linearise,
+)
+from backend.simulate.law import Impulses
+from backend.simulate.momentum import BodyRows, momentum
 
 MAX_ITERATIONS = 40
 LARGEST_TURN = 1.0  # rad in one step: beyond it the quaternion step loses its inverse
@@ -30,151 +30,12 @@ BARRIER_FALL = 0.1
 BARRIER_START = 1e3  # times the final barrier
 
 
-class Motion(eqx.Module):
-    """All that the next step needs to know."""
-
-    pose: Pose
-    momentum: BodyRows
-    """P⁻ of the step before: what each body brings to q_k."""
-    xi: BodyRows
-    """Increment of the step before."""
-    xi_guess: BodyRows
-    """Where Newton's method starts: no derivative flows through it."""
-    q: Float[Array, "joints"]
-    displacement: Float[Array, "joints"]
-    """Of the joints' coordinates in the step before."""
-    lengthening: Float[Array, "struts"]
-    """Of the struts in the step before."""
-    impulses: Impulses
-
-
-class Unknowns(NamedTuple):
-    """What a step solves for."""
-
-    xi: BodyRows
-    impulses: Impulses
-
-
-class Frame(NamedTuple):
-    """Everything at q_k that the step's equations keep fixed."""
-
-    step_s: float | Array
-    pose: Pose
-    bodies: kinematics.Bodies
-    jacobian: Float[Array, "joints 6 12"]
-    offset: Float[Array, "joints"]
-    """Value of each coordinate's row at q_k."""
-    strut_slope: Float[Array, "struts 12"]
-    given: BodyRows
-    """Momentum brought in, and impulse of the forces."""
-    before: BodyRows
-    lengthening: Float[Array, "struts"]
-    drive: Drive
-
-
 class Solved(NamedTuple):
     """A step's unknowns, and how Newton's method fared."""
 
     unknowns: Unknowns
     iterations: Int[Array, ""]
     error: Float[Array, ""]
-
-
-class Linearised(NamedTuple):
-    """The equations' slope at one point, factored."""
-
-    factor: linear.Factor
-    here: Float[Array, "joints 6 12"]
-    there: Float[Array, "joints 6 12"]
-    slope: law.Slope
-    impulses: Impulses
-    turn: Float[Array, "slots 3 3"]
-
-
-def frame(system: System, motion: Motion, step_s: float | Array, target: Float[Array, "joints"]) -> Frame:
-    """Evaluate forces and directions at q_k.  target: q that driven joints must reach."""
-    bodies = kinematics.bodies(system, motion.pose)
-    rows = kinematics.rows(system, bodies)
-    _, strut_slope = forces.strut_lines(system, bodies)
-    force = forces.body_forces(system, bodies, motion.xi / step_s)
-    effort = step_s * forces.joint_efforts(system, motion.q)
-    drive = Drive(
-        step_s, effort, motion.displacement, motion.q, jnp.where(system.is_driven, target - motion.q, 0.0)
-    )
-    return Frame(
-        step_s,
-        motion.pose,
-        bodies,
-        rows.jacobian,
-        law.displacement(system, rows.value),
-        strut_slope,
-        motion.momentum + step_s * force,
-        motion.xi,
-        motion.lengthening,
-        drive,
-    )
-
-
-def equations(
-    system: System, at: Frame, unknowns: Unknowns, barrier: Array
-) -> tuple[Unknowns, kinematics.Rows]:
-    """Residuals of momentum and of the joints' laws, and the rows at q_{k+1}."""
-    xi, impulses = unknowns
-    rows = ahead(system, at, xi)
-    carried = _on_bodies(system, at.jacobian, impulses.rows)
-    balance = momentum(system, xi, at.step_s, 1.0) - at.given - carried
-    if system.drags:
-        balance = balance - at.step_s * forces.drag(system, at.bodies, _mean_velocity(at, xi))
-    if system.topology.struts:
-        pull = -0.5 * system.strut_damping * (lengthening(system, at.strut_slope, xi) + at.lengthening)
-        table = system.topology.strut_sides
-        balance = balance - forces.collect(table, pull[:, None] * at.strut_slope)
-    return Unknowns(balance, law.residual(system, at.drive, rows.value, impulses, barrier)), rows
-
-
-def ahead(system: System, at: Frame, xi: BodyRows) -> kinematics.Rows:
-    """The joints' rows at q_{k+1}; a coordinate's row holds its displacement in the step."""
-    rows = kinematics.rows(system, kinematics.bodies(system, at.pose.advance(xi)))
-    turned = kinematics.turned(system, xi)
-    turning = system.coordinate_rows.copy()
-    turning[:, :5] = False
-    moved = jnp.where(turning, turned[:, None], rows.value - at.offset[:, None])
-    return rows._replace(value=jnp.where(system.coordinate_rows, moved, rows.value))
-
-
-def lengthening(
-    system: System, strut_slope: Float[Array, "struts 12"], xi: BodyRows
-) -> Float[Array, "struts"]:
-    """How far each strut lengthens in a step, to first order."""
-    return jnp.sum(strut_slope * _of_pairs(system, system.topology.struts, xi), -1)
-
-
-def linearise(system: System, at: Frame, unknowns: Unknowns, rows: kinematics.Rows) -> Linearised:
-    """Slope of the equations, assembled over the body graph and factored."""
-    xi, impulses = unknowns
-    turn = tangent_map(xi[:, 3:])
-    there = _along_increments(system, rows.jacobian, turn)
-    slope = law.slope(system, at.drive, rows.value, impulses)
-    links = _gram(at.jacobian, law.answer(system, slope, there))
-    own = momentum_slope(system, xi, at.step_s)
-    if system.drags:
-        drag = forces.drag_slope(system, at.bodies, _mean_velocity(at, xi))
-        own = own - 0.5 * _turn_columns(drag, turn)
-    if system.topology.struts:
-        strut = 0.5 * system.strut_damping[:, None] * _strut_there(system, at.strut_slope, turn)
-        links = jnp.concatenate([links, at.strut_slope[:, :, None] * strut[:, None, :]])
-    return Linearised(linear.factor(system.topology, own, links), at.jacobian, there, slope, impulses, turn)
-
-
-def direction(system: System, at: Linearised, residual: Unknowns) -> Unknowns:
-    """The change of the unknowns that cancels a residual; linear in the residual."""
-    offset, stop = law.offset(system, at.slope, at.impulses, residual.impulses)
-    moved = linear.solve(at.factor, _on_bodies(system, at.here, offset) - residual.xi)
-    dy = jnp.sum(at.there * _of_pairs(system, system.topology.joints, moved)[:, None, :], -1)
-    stop_change, slack_change = law.stop_response(system, at.slope, dy)
-    xi = jnp.concatenate([moved[:, :3], apply(at.turn, moved[:, 3:])], -1)
-    rows = offset - law.react(system, at.slope, dy)
-    return Unknowns(xi, Impulses(rows, stop + stop_change, residual.impulses.stop + slack_change))
 
 
 @jax.custom_jvp
@@ -297,66 +158,10 @@ def _fraction(now: Impulses, change: Impulses) -> Float[Array, ""]:
     def room(value: Array, by: Array) -> Array:
         return jnp.min(jnp.where(by < 0, -value / jnp.where(by < 0, by, -1.0), jnp.inf))
 
-    return jnp.minimum(
-        1.0, TO_BOUNDARY * jnp.minimum(room(now.stop, change.stop), room(now.slack, change.slack))
-    )
+    return jnp.minimum(1.0, TO_BOUNDARY * jnp.minimum(room(now.stop, change.stop), room(now.slack, change.slack)))
 
 
 def _shortened(xi: BodyRows) -> BodyRows:
     phi = xi[:, 3:]
     size = jnp.sqrt(jnp.sum(phi * phi, -1, keepdims=True) + 1e-30)
     return jnp.concatenate([xi[:, :3], phi * jnp.minimum(1.0, LARGEST_TURN / size)], -1)
-
-
-def _mean_velocity(at: Frame, xi: BodyRows) -> BodyRows:
-    """Velocity around q_k, from the steps before and after it."""
-    return 0.5 * (at.before + xi) / at.step_s
-
-
-def _of_pairs(
-    system: System, pairs: tuple[tuple[int, int], ...], moved: BodyRows
-) -> Float[Array, "pairs 12"]:
-    """Rows of both bodies of each pair side by side; fixed bodies do not move."""
-    slots = system.topology.slots
-    index = np.minimum(np.array(pairs, dtype=int).reshape(-1, 2), slots)
-    return jnp.concatenate([moved, jnp.zeros((1, 6))])[index].reshape(-1, 12)
-
-
-def _on_bodies(
-    system: System, jacobian: Float[Array, "joints 6 12"], rows: Float[Array, "joints 6"]
-) -> BodyRows:
-    """Jᵀ λ, gathered on the bodies."""
-    return forces.collect(system.topology.joint_sides, jnp.sum(jacobian * rows[:, :, None], 1))
-
-
-def _along_increments(system: System, jacobian: Array, turn: Array) -> Array:
-    """The rows' slope in the turn of the advanced bodies; a free turn is measured in φ, so dφ/dθ enters."""
-    turning = system.coordinate_rows[:, TURN]
-    if not turning.any():
-        return jacobian
-    slots = system.topology.slots
-    both = jnp.concatenate([turn, jnp.eye(3)[None]])[np.minimum(system.pairs, slots)]
-    a = jnp.sum(jacobian[:, TURN, 3:6, None] * both[:, 0], 1)
-    b = jnp.sum(jacobian[:, TURN, 9:12, None] * both[:, 1], 1)
-    zero = jnp.zeros_like(a)
-    pin = jnp.concatenate([zero, a, zero, b], -1)
-    return jacobian.at[:, TURN].set(jnp.where(turning[:, None], pin, jacobian[:, TURN]))
-
-
-def _gram(left: Array, right: Array) -> Float[Array, "joints 12 12"]:
-    """Jᵀ (K J)."""
-    return jnp.einsum("jri,jrk->jik", left, right)
-
-
-def _turn_columns(block: Float[Array, "slots 6 6"], turn: Array) -> Float[Array, "slots 6 6"]:
-    """Columns in dφ -> columns in the turn of the advanced body."""
-    return jnp.concatenate([block[:, :, :3], jnp.einsum("bij,bjk->bik", block[:, :, 3:], turn)], -1)
-
-
-def _strut_there(system: System, strut_slope: Array, turn: Array) -> Array:
-    slots = system.topology.slots
-    index = np.minimum(np.array(system.topology.struts, dtype=int).reshape(-1, 2), slots)
-    both = jnp.concatenate([turn, jnp.eye(3)[None]])[index]
-    a = jnp.einsum("si,sij->sj", strut_slope[:, 3:6], both[:, 0])
-    b = jnp.einsum("si,sij->sj", strut_slope[:, 9:12], both[:, 1])
-    return jnp.concatenate([strut_slope[:, :3], a, strut_slope[:, 6:9], b], -1)
