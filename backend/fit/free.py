@@ -1,0 +1,184 @@
+"""Which parameters a fit may change: `KIND:ON[.PARAMETER]`, read against a drawing.
+
+ON is an id (a joint, a body, a drawn effect, `world`, `camera`), `*` for every applicable place with a value of
+its own, `all` for one value shared by all of them, `a+b` for one shared by those. PARAMETER may be left out: every
+single-number parameter of the kind that suits the place is freed. An effect that the drawing lacks is added at its
+declared defaults, which mean "absent".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from backend.mechanism.drawing_error import known
+from backend.mechanism.effect import Effect, kind_named
+from backend.mechanism.kinds import EffectKind, ParameterSpec
+from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.study import Tolerance
+
+Address = tuple[str, str]
+GRAMMAR = "Write KIND:ON or KIND:ON.PARAMETER, such as viscous_friction:j1 or coulomb_friction:*"
+
+
+@dataclass(frozen=True)
+class FreeParameter:
+    """One number of a fit, and every (effect id, parameter) of the model that takes it.
+
+    prior_sd: standard deviation of its tolerance about `start`, None without one. nuisance: freed by a tolerance,
+    not by the caller.
+    """
+
+    kind: str
+    on: tuple[str, ...]
+    label: str
+    parameter: str
+    unit: str
+    lower: float
+    upper: float
+    start: float
+    addresses: tuple[Address, ...]
+    prior_sd: float | None = None
+    nuisance: bool = False
+
+    @property
+    def name(self) -> str:
+        """`kind:label.parameter`, unique in a fit."""
+        return f"{self.kind}:{self.label}.{self.parameter}"
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """The free parameters of a fit and the effects that the model needs beside those drawn."""
+
+    parameters: tuple[FreeParameter, ...]
+    added: tuple[Effect, ...]
+
+
+def free_parameters(mechanism: Mechanism, specs: Iterable[str], tolerances: Sequence[Tolerance] = ()) -> Freedom:
+    """Read specs (each may hold several, comma separated) and tolerances; ValueError with the remedy otherwise."""
+    reader = _Reader(mechanism)
+    found: dict[str, FreeParameter] = {}
+    for spec in (s.strip() for given in specs for s in given.split(",")):
+        if spec:
+            for parameter in reader.read(spec):
+                found.setdefault(parameter.name, parameter)
+    for tolerance in tolerances:
+        for place in reader.places(kind_named(tolerance.kind), tolerance.on, tolerance.kind):
+            for parameter in reader.at(kind_named(tolerance.kind), (place,), place, None):
+                already = found.get(parameter.name)
+                kept = already or replace(parameter, nuisance=True)
+                found[parameter.name] = replace(kept, prior_sd=tolerance.sd)
+    taken: dict[Address, str] = {}
+    for parameter in found.values():
+        for address in parameter.addresses:
+            if address in taken:
+                raise ValueError(f"{parameter.name} and {taken[address]} are the same number. Free one of the two.")
+            taken[address] = parameter.name
+    return Freedom(tuple(found.values()), tuple(reader.added.values()))
+
+
+class _Reader:
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism = mechanism
+        self.added: dict[str, Effect] = {}
+
+    def read(self, spec: str) -> list[FreeParameter]:
+        kind_name, colon, rest = spec.partition(":")
+        try:
+            kind = kind_named(kind_name)
+        except ValueError as error:
+            raise ValueError(f"--free {spec}: {error}. {GRAMMAR}.") from None
+        if not colon and kind.acts_on in ("world", "camera"):
+            rest = kind.acts_on
+        on, parameter = self._split(rest, kind)
+        if not on:
+            raise ValueError(f"--free {spec}: no place is named. {GRAMMAR}.")
+        try:
+            if on == "*":
+                return [
+                    p for place in self.places(kind, "all", spec) for p in self.at(kind, (place,), place, parameter)
+                ]
+            if on == "all":
+                return self.at(kind, self.places(kind, "all", spec), "all", parameter)
+            return self.at(kind, self.places(kind, tuple(on.split("+")), spec), on, parameter)
+        except ValueError as error:
+            raise ValueError(f"--free {spec}: {error}") from None
+
+    def _split(self, rest: str, kind: EffectKind) -> tuple[str, str | None]:
+        """ON and PARAMETER; an id may hold dots, so only a known parameter name is split off."""
+        on, dot, last = rest.rpartition(".")
+        if dot and (last in kind.parameters or not self._is_place(rest)):
+            return on, last
+        return rest, None
+
+    def _is_place(self, text: str) -> bool:
+        m = self.mechanism
+        ids = {p.id for group in (m.joints, m.bodies, m.effects, m.markers) for p in group}
+        return all(part in ids | {"world", "camera", "*", "all"} for part in text.split("+"))
+
+    def places(self, kind: EffectKind, on: tuple[str, ...] | str, spec: str) -> tuple[str, ...]:
+        """Ids where a kind may act; drawn effects of a kind that joins two bodies."""
+        m = self.mechanism
+        drawn = [e.id for e in m.effects if e.kind == kind.name]
+        if kind.acts_on in ("world", "camera"):
+            candidates = [kind.acts_on]
+        elif kind.acts_on == "joint":
+            candidates = [j.id for j in m.joints if any(s.suits(j.type) for s in kind.parameters.values())]
+            candidates = [c for c in candidates if m.joint(c).type != "fixed"]
+            if kind.name == "pin_friction":
+                candidates = [c for c in candidates if (f := m.joint(c).fit) and f.pin_diameter_m]
+        elif kind.acts_on == "body":
+            candidates = [b.id for b in m.bodies if not b.fixed]
+        else:
+            candidates = drawn
+        if on == "all":
+            if not candidates:
+                raise ValueError(f"{kind.name} applies nowhere in '{m.name}'")
+            return tuple(candidates)
+        for place in on:
+            if place not in candidates and place not in drawn:
+                raise ValueError(f"{kind.name} does not act at '{place}'. {known([*candidates, *drawn])}")
+        return tuple(on)
+
+    def at(self, kind: EffectKind, places: tuple[str, ...], label: str, parameter: str | None) -> list[FreeParameter]:
+        """One free parameter per parameter name, shared by the places."""
+        takers: dict[str, list[Address]] = {}
+        for place in places:
+            for spec in self._parameters(kind, place, parameter):
+                takers.setdefault(spec.name, []).append((self._effect(kind, place).id, spec.name))
+        return [self._parameter(kind, places, label, kind.parameters[n], a) for n, a in takers.items()]
+
+    def _parameters(self, kind: EffectKind, place: str, parameter: str | None) -> list[ParameterSpec]:
+        joint = next((j for j in self.mechanism.joints if j.id == place), None)
+        suited = [s for s in kind.parameters.values() if joint is None or s.suits(joint.type)]
+        single = [s for s in suited if s.size == 1]
+        if parameter is None:
+            return single
+        if parameter not in {s.name for s in single}:
+            what = "holds several numbers and" if parameter in kind.parameters else "is unknown there and"
+            raise ValueError(f"parameter '{parameter}' {what} cannot be freed. {known(s.name for s in single)}")
+        return [kind.parameters[parameter]]
+
+    def _effect(self, kind: EffectKind, place: str) -> Effect:
+        """The drawn effect that is, or acts at exactly, this place; otherwise a new one that does nothing yet."""
+        for effect in self.mechanism.effects:
+            if effect.kind == kind.name and (effect.id == place or tuple(effect.on) == (place,)):
+                return effect
+        key = f"{kind.name}@{place}"
+        return self.added.setdefault(key, Effect(id=key, kind=kind.name, on=(place,)))
+
+    def _parameter(self, kind, places, label, spec: ParameterSpec, addresses: list[Address]) -> FreeParameter:
+        drawn = {e.id: e for e in self.mechanism.effects}
+        values = []
+        for effect_id, name in addresses:
+            given = drawn[effect_id].parameters.get(name) if effect_id in drawn else None
+            values.append(spec.default if given is None else given)
+        start = float(np.mean(np.asarray(values, float)))
+        lower = -np.inf if spec.lower is None else spec.lower
+        upper = np.inf if spec.upper is None else spec.upper
+        return FreeParameter(
+            kind.name, tuple(places), label, spec.name, spec.unit, lower, upper, start, tuple(addresses)
+        )

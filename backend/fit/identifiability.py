@@ -1,0 +1,238 @@
+"""What the data can and cannot tell: information, covariance, weak directions, profile likelihoods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.stats import chi2, norm
+
+from backend.fit.misfit import misfit_covariance
+from backend.fit.solve import LeastSquares, Solution, solve
+
+Z95 = float(norm.ppf(0.975))
+CHI2_95 = float(chi2.ppf(0.95, 1))
+UNIDENTIFIED = 1e-6  # singular values of the column-scaled Jacobian below this share of the largest
+CORRELATED = 0.95
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Everything local that the Jacobian and the residuals say, per parameter (p).
+
+    information: curvature of the objective along each parameter alone, others fixed. covariance: inflated for
+    misfit (see `misfit`); noise_sd: what white noise of `spread` sigmas would leave. chi_square_per_point: 1 when the model fits
+    to the noise.
+    """
+
+    names: tuple[str, ...]
+    information: Float[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    noise_sd: Float[np.ndarray, " p"]
+    chi_square_per_point: float
+    spread: float
+    unidentified: tuple[bool, ...]
+    weakest: dict[str, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def sd(self) -> Float[np.ndarray, " p"]:
+        """Standard deviations; infinite for a parameter the data say nothing about."""
+        return np.where(self.unidentified, np.inf, np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "p p"]:
+        """Correlation matrix of the estimates, noise-only shape kept by the inflation."""
+        d = np.sqrt(np.diag(self.covariance))
+        d = np.where(d > 0, d, 1.0)
+        return np.clip(self.covariance / np.outer(d, d), -1.0, 1.0)
+
+
+def assess(
+    names: Sequence[str],
+    solution: Solution,
+    scale: Float[np.ndarray, " p"],
+    run: Int[np.ndarray, " n"],
+    instant: Int[np.ndarray, " n"],
+    reported: Sequence[bool] | None = None,
+    spread: float = 1.0,
+) -> Uncertainty:
+    """Local uncertainty at a solution; run and instant say which experiment and when (see `misfit`).
+
+    reported: parameters to warn about; nuisances (initial states) are left out of the sentences.
+    spread: misfit in sigmas by which the residuals were already divided (see `residual`).
+    """
+    reported = [True] * len(names) if reported is None else list(reported)
+    root = np.sqrt(solution.weights)
+    J, r = root[:, None] * solution.jacobian, root * solution.residual
+    columns = np.linalg.norm(J, axis=0)
+    D = np.where(columns > 0, columns, 1.0)
+    _, s, Vt = np.linalg.svd(J / D, full_matrices=False)
+    weak = s < UNIDENTIFIED * s[0] if s[0] > 0 else np.ones_like(s, bool)
+    # A parameter is unidentified when a direction the data do not see moves it.
+    touched = np.sqrt(np.sum(Vt[weak] ** 2, axis=0)) > 1e-3
+    unidentified = touched | (columns == 0)
+    inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, s))
+    noise_only = (Vt.T * inverse**2) @ Vt / np.outer(D, D)
+    covariance = misfit_covariance(J, r, run, instant, noise_only)
+    data = run >= 0
+    degrees = max(int(data.sum()) - len(names), 1)
+    chi = spread**2 * float(r[data] @ r[data]) / degrees
+    # The weakest direction is judged in natural scales: sd per scale, not per column norm.
+    sub = np.flatnonzero(reported)
+    _, W = np.linalg.eigh((covariance / np.outer(scale, scale))[np.ix_(sub, sub)])
+    if np.any(unidentified[sub]):
+        direction = np.zeros(len(names))
+        direction[:] = np.where(columns == 0, 1.0, 0.0) if np.any(columns == 0) else Vt[-1] / D
+        direction = direction[sub] / scale[sub]
+    else:
+        direction = W[:, -1]
+    size = np.linalg.norm(direction)
+    direction = direction / size if size > 0 else direction
+    weakest = {names[i]: float(d) for i, d in zip(sub.tolist(), direction, strict=True) if abs(d) > 0.05}
+    result = Uncertainty(
+        tuple(names), columns**2, covariance, np.sqrt(np.diag(noise_only)), chi, spread,
+        tuple(bool(u) for u in unidentified), weakest, (),
+    )  # fmt: skip
+    return replace(result, warnings=tuple(_sentences(result, solution, scale, reported)))
+
+
+def _sentences(u: Uncertainty, solution: Solution, scale: np.ndarray, reported: Sequence[bool]):
+    sd, rho = u.sd, u.correlation
+    shown = [i for i, keep in enumerate(reported) if keep]
+    for i in shown:
+        name = u.names[i]
+        if u.unidentified[i]:
+            yield (
+                f"{name} cannot be told from these data: the motion does not depend on it, or only with "
+                "others. Fix it, or measure something it moves."
+            )
+        elif solution.at_bound[i]:
+            yield f"{name} rests on its bound {solution.x[i]:.4g}; its interval is one-sided."
+        elif sd[i] > max(abs(solution.x[i]), 1e-300):
+            yield (
+                f"{name} = {solution.x[i]:.3g} +- {sd[i]:.2g} is not significantly different from zero: "
+                "longer runs, other amplitudes or more loads would tell."
+            )
+    for a, i in enumerate(shown):
+        for j in shown[a + 1 :]:
+            if abs(rho[i, j]) > CORRELATED and not (u.unidentified[i] or u.unidentified[j]):
+                kind = "trade against" if rho[i, j] < 0 else "rise and fall with"
+                yield (
+                    f"{u.names[i]} and {u.names[j]} {kind} each other (correlation {rho[i, j]:+.3f}): "
+                    "trust their combination, not each alone."
+                )
+    if u.chi_square_per_point > 2.0:
+        inflated = [u.spread * sd[i] / u.noise_sd[i] for i in shown if u.noise_sd[i] > 0 and np.isfinite(sd[i])]
+        yield (
+            f"The model misses the data by {u.chi_square_per_point**0.5:.3g} noise sigmas rms: something is "
+            f"missing from it. Intervals are widened up to {max(inflated, default=1.0):.3g} times for it, "
+            "but a wrong law biases beyond any interval."
+        )
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Deviance against one parameter, all others re-optimised; ends are None where the bound comes first."""
+
+    name: str
+    lower: float | None
+    upper: float | None
+    points: tuple[tuple[float, float], ...]
+
+    @property
+    def bounded(self) -> bool:
+        """Both ends found before a bound."""
+        return self.lower is not None and self.upper is not None
+
+
+def profile_interval(
+    problem: LeastSquares,
+    solution: Solution,
+    j: int,
+    covariance: Float[np.ndarray, "p p"],
+    noise_sd: float,
+    *,
+    max_points: int = 8,
+    max_iterations: int = 8,
+    cancelled: Callable[[], bool] | None = None,
+) -> Profile:
+    """95% profile-likelihood interval of parameter j (Venzon and Moolgavkar 1988), warm-started.
+
+    The deviance is divided by the misfit inflation (sd / noise_sd)^2, so that interval and sd speak of
+    the same scatter, and the profile adds what sd cannot: skewness, bounds and valleys.
+    """
+    sd = float(np.sqrt(covariance[j, j]))
+    if not (np.isfinite(sd) and sd > 0 and noise_sd > 0):
+        return Profile(problem.names[j], None, None, ((float(solution.x[j]), 0.0),))
+    inflation = max(sd / noise_sd, 1.0) ** 2
+    others = np.array([i for i in range(solution.x.size) if i != j], int)
+    weights = np.sqrt(solution.weights)
+    points = [(float(solution.x[j]), 0.0)]
+
+    def deviance(value: float, guess: np.ndarray) -> tuple[float, np.ndarray]:
+        """2 (objective - best) / inflation at x_j = value, and the others' optimum there."""
+
+        def full(y):
+            x = np.empty_like(solution.x)
+            x[j], x[others] = value, y
+            return x
+
+        held = LeastSquares(
+            [problem.names[i] for i in others.tolist()],
+            lambda y: weights * problem.residual(full(y)),
+            lambda y: _drop(problem.linearise(full(y)), weights, others),
+            problem.lower[others], problem.upper[others], problem.scale[others],
+        )  # fmt: skip
+        if others.size == 0:
+            r = weights * problem.residual(full(np.zeros(0)))
+            objective, best = 0.5 * float(r @ r), np.zeros(0)
+        else:
+            found = solve(held, guess, max_iterations=max_iterations, ftol=1e-6, cancelled=cancelled)
+            objective, best = found.objective, found.x
+        base = 0.5 * float(np.sum((weights * solution.residual) ** 2))
+        return 2.0 * (objective - base) / inflation, best
+
+    ends: list[float | None] = []
+    slope = covariance[others, j] / covariance[j, j]
+    for sign, bound in ((-1.0, problem.lower[j]), (1.0, problem.upper[j])):
+        inner, outer, step = 0.0, np.inf, Z95 * sd
+        end: float | None = None
+        root_inner, root_outer = 0.0, np.inf
+        guess = solution.x[others]
+        for _ in range(max_points):
+            if cancelled is not None and cancelled():
+                break
+            reach = abs(bound - solution.x[j])
+            step = min(step, reach)
+            value = float(solution.x[j] + sign * step)
+            if inner == 0.0:
+                guess = np.clip(solution.x[others] + sign * step * slope, problem.lower[others], problem.upper[others])
+            d, guess = deviance(value, guess)
+            points.append((value, d))
+            z = np.sqrt(max(d, 0.0))
+            if abs(z - Z95) < 0.03 * Z95:
+                end = value
+                break
+            if z < Z95 and step >= reach:
+                break
+            if z < Z95:
+                inner, root_inner = step, z
+            else:
+                outer, root_outer = step, z
+            if np.isfinite(outer):  # secant on the signed root deviance, which is straight for a quadratic
+                step = inner + (outer - inner) * (Z95 - root_inner) / (root_outer - root_inner)
+            else:
+                step = step * min(max(Z95 / max(z, 1e-3), 1.1), 4.0)
+            if np.isfinite(outer) and outer - inner < 0.02 * outer:
+                end = float(solution.x[j] + sign * step)
+                break
+        ends.append(end)
+    return Profile(problem.names[j], ends[0], ends[1], tuple(sorted(points)))
+
+
+def _drop(linearised, weights, others):
+    r, J = linearised
+    return weights * r, weights[:, None] * J[:, others]

@@ -1,0 +1,117 @@
+"""What an experiment measured, as one flat list of numbers with time, channel and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from backend.fit.noise import Source, channel_noise
+from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.study import Experiment
+
+AXES = ("x_m", "y_m", "z_m")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured quantity: where (`joint:j1`, `marker:tip`), which coordinate, and its column in a prediction.
+
+    Columns of a prediction: q of all joints, then x, y, z of all markers, then the effort of all joints.
+    """
+
+    at: str
+    coordinate: str
+    column: int
+    unit: str
+    noise: Source
+
+
+@dataclass(frozen=True)
+class Measured:
+    """All samples of one experiment, sorted by channel, then time. time_s is as stated, `channel` indexes channels.
+
+    still: sampled before the release, while the mechanism was held.
+    """
+
+    time_s: Float[np.ndarray, " n"]
+    value: Float[np.ndarray, " n"]
+    sigma: Float[np.ndarray, " n"]
+    channel: Int[np.ndarray, " n"]
+    channels: tuple[Channel, ...]
+    release_s: float
+
+    @property
+    def column(self) -> Int[np.ndarray, " n"]:
+        """Column of a prediction for each sample."""
+        return np.array([c.column for c in self.channels], int)[self.channel]
+
+    @property
+    def still(self) -> np.ndarray:
+        """Samples before the release."""
+        return self.time_s < self.release_s
+
+    def of(self, channel: int) -> np.ndarray:
+        """Indices of one channel's samples."""
+        return np.flatnonzero(self.channel == channel)
+
+
+def measured(experiment: Experiment, mechanism: Mechanism) -> Measured:
+    """Gather an experiment's tables; coordinates that were not measured are skipped.
+
+    Raises ValueError naming the experiment and channel when it holds nothing, or when noise can neither be read
+    nor estimated.
+    """
+    release = experiment.release.time_s
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    channels: list[Channel] = []
+    for at, coordinate, column, unit, time, value, sigma in _series(experiment, mechanism):
+        seen = np.isfinite(value)
+        if not experiment.release.at_rest:
+            seen &= time >= release  # before the release of a moving start there is nothing to predict
+        if not np.any(seen):
+            continue
+        time, value, sigma = time[seen], value[seen], sigma[seen]
+        order = np.argsort(time, kind="stable")
+        time, value, sigma = time[order], value[order], sigma[order]
+        try:
+            noise = channel_noise(time, value, sigma, release)
+        except ValueError as error:
+            raise ValueError(f"experiment '{experiment.id}', {at} {coordinate}: {error}") from None
+        channels.append(Channel(at, coordinate, column, unit, noise.source))
+        parts.append((time, value, noise.sigma))
+    if not parts:
+        raise ValueError(
+            f"experiment '{experiment.id}' measured nothing at or after its release at {release:g} s: "
+            "check its tables and its clock"
+        )
+    lengths = [p[0].size for p in parts]
+    time, value, sigma = (np.concatenate([p[i] for p in parts]) for i in range(3))
+    return Measured(time, value, sigma, np.repeat(np.arange(len(parts)), lengths), tuple(channels), release)
+
+
+def _series(experiment: Experiment, mechanism: Mechanism) -> Iterator[tuple]:
+    """(at, coordinate, column, unit, time, value, sigma) of every channel."""
+    joints, markers = [j.id for j in mechanism.joints], [m.id for m in mechanism.markers]
+    turning = {j.id: j.type != "prismatic" for j in mechanism.joints}
+    if (table := experiment.joint_positions) is not None:
+        for id, rows in table.groupby("joint", sort=False):
+            unit = "rad" if turning[id] else "m"
+            yield (f"joint:{id}", "q", joints.index(id), unit, *_columns(rows, "q", "sigma"))
+    if (table := experiment.tracks) is not None:
+        table = table[table["status"].isin(("ok", "observed"))] if "status" in table else table
+        for id, rows in table.groupby("marker", sort=False):
+            for axis, name in enumerate(AXES):
+                column = len(joints) + 3 * markers.index(id) + axis
+                yield (f"marker:{id}", name, column, "m", *_columns(rows, name, "sigma_m"))
+    if (table := experiment.joint_efforts) is not None:
+        for id, rows in table.groupby("joint", sort=False):
+            column = len(joints) + 3 * len(markers) + joints.index(id)
+            unit = "N m" if turning[id] else "N"
+            yield (f"joint:{id}", "effort", column, unit, *_columns(rows, "effort", "sigma"))
+
+
+def _columns(rows, value: str, sigma: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return tuple(rows[name].to_numpy(float) for name in ("time_s", value, sigma))  # type: ignore[return-value]

@@ -1,0 +1,106 @@
+"""How noisy is a channel, from the record itself.
+
+Order of trust: the sigma written in the data; the scatter of static frames, while the mechanism is held
+still; third differences of the motion. A quantised encoder held still scatters by nothing at all, so every
+estimate is floored at quantum / sqrt(12), the standard deviation of rounding (Widrow and Kollár 2008, 1.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+MAD_TO_SIGMA = 1.4826  # of a Gaussian
+ENOUGH_STATIC = 8  # below this the scatter of static frames is itself 25% uncertain
+Source = Literal["given", "static", "third_difference"]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviation of each sample of one channel, in the channel's unit, and where it came from."""
+
+    sigma: Float[np.ndarray, " n"]
+    source: Source
+
+
+def channel_noise(
+    time_s: Float[np.ndarray, " n"],
+    value: Float[np.ndarray, " n"],
+    given: Float[np.ndarray, " n"] | None = None,
+    release_s: float = -np.inf,
+) -> Noise:
+    """Noise of one channel; `given` may hold NaN where the data leave sigma empty.
+
+    Raises ValueError when nothing can be said: no sigma, and fewer than five samples.
+    """
+    given = np.full(value.shape, np.nan) if given is None else np.asarray(given, float)
+    known = np.isfinite(given) & (given > 0)
+    if np.all(known):
+        return Noise(given, "given")
+    estimate, source = _estimate(time_s, value, release_s)
+    estimate = max(estimate, quantum(value) / np.sqrt(12.0))
+    if estimate == 0.0:
+        raise ValueError("The channel does not vary at all, so its noise cannot be estimated. Give sigma in the data.")
+    return Noise(np.where(known, given, estimate), source)
+
+
+def _estimate(time_s, value, release_s) -> tuple[float, Source]:
+    held = value[time_s < release_s]
+    if held.size >= ENOUGH_STATIC:
+        return float(np.std(held, ddof=1)), "static"
+    if value.size < 5:
+        raise ValueError(
+            f"{value.size} samples cannot tell their noise: give sigma in the data, or record at least 5 samples."
+        )
+    return third_difference_sigma(time_s, value), "third_difference"
+
+
+def third_difference_sigma(time_s: Float[np.ndarray, " n"], value: Float[np.ndarray, " n"]) -> float:
+    """Robust sigma of white noise on a smooth motion.
+
+    Third divided differences over each four neighbours cancel every quadratic exactly, also on uneven times;
+    scaled to unit weight norm they keep the noise's variance. The median ignores impacts and outliers.
+    """
+    t = np.lib.stride_tricks.sliding_window_view(np.asarray(time_s, float), 4)
+    y = np.lib.stride_tricks.sliding_window_view(np.asarray(value, float), 4)
+    gaps = t[:, :, None] - t[:, None, :]
+    gaps = gaps / np.maximum(gaps.max(axis=(1, 2), keepdims=True), 1e-300)
+    weights = 1.0 / np.prod(np.where(np.eye(4, dtype=bool), 1.0, gaps), axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    return float(MAD_TO_SIGMA * np.median(np.abs(np.sum(weights * y, axis=1))))
+
+
+def quantum(value: Float[np.ndarray, " n"]) -> float:
+    """The step of a quantised channel, or 0 when its values are not multiples of one step.
+
+    A step counts when the differences of all distinct values are whole multiples of the smallest one,
+    to 5%, and values repeat (white noise on a continuous channel never repeats).
+    """
+    levels = np.unique(value)
+    if levels.size < 2 or levels.size > 0.9 * value.size:
+        return 0.0
+    steps = np.diff(levels)
+    smallest = float(steps[steps > 1e-9 * np.ptp(levels)].min(initial=np.inf))
+    if not np.isfinite(smallest):
+        return 0.0
+    few = steps[steps < 20.0 * smallest] / smallest  # rounding in the file blurs large multiples
+    return smallest if np.all(np.abs(few - np.round(few)) < 0.05) else 0.0
+
+
+def lag_one(residual: Float[np.ndarray, " n"]) -> float:
+    """AR(1) coefficient of a residual series: 0 for white noise, near 1 for slow misfit."""
+    r = residual - residual.mean()
+    power = float(r @ r)
+    return float(np.clip(r[1:] @ r[:-1] / power, -0.99, 0.999)) if power > 0 and r.size > 2 else 0.0
+
+
+def whiten_ar1(rows: Float[np.ndarray, "n ..."], coefficient: float) -> Float[np.ndarray, "n ..."]:
+    """Rows of an AR(1) series as independent unit rows (Prais and Winsten 1954). Linear: serves r and J.
+
+    The marginal variance stays 1: innovations are divided by sqrt(1 - coefficient^2).
+    """
+    innovation = np.sqrt(1.0 - coefficient**2)
+    return np.concatenate([rows[:1], (rows[1:] - coefficient * rows[:-1]) / innovation])

@@ -1,0 +1,130 @@
+"""Find the pose that explains what was seen at the release: Gauss-Newton along the mechanism's free motions.
+
+The drawn pose may be half a turn away, so the search walks: short steps, closing the loops and taking the free
+motions anew at each. A mechanism of which too little is seen keeps the rest as drawn (minimum norm).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from backend.fit.measured import Measured
+from backend.fit.prediction import look
+from backend.fit.release import ChannelStart, held_still, moving
+from backend.mechanism.study import Release
+from backend.model.model import Model
+from backend.model.state import Pose, drawn_pose
+from backend.model.system import system
+from backend.simulate import assemble
+
+LONGEST = 0.4  # rad, or mechanism lengths, in one step of the walk
+OTHERS = 12  # poses to walk from when the first walk ends where the data are not explained
+WELL = 0.05  # rad, or mechanism lengths: rms below which a pose explains what was seen
+
+
+@dataclass(frozen=True)
+class Found:
+    """A start: closed reference pose, its free motions, rates along them, and whole turns of each column."""
+
+    reference: Pose
+    motions: Float[np.ndarray, "slots 6 mobility"]
+    rates: Float[np.ndarray, " mobility"]
+    turns: Float[np.ndarray, " columns"]
+    rms: float
+
+
+@dataclass(frozen=True)
+class _Target:
+    """What was seen at the release, one entry a channel; angle marks columns that repeat every turn."""
+
+    column: Int[np.ndarray, " k"]
+    start: tuple[ChannelStart, ...]
+    angle: np.ndarray
+    size: Float[np.ndarray, " k"]
+
+    @property
+    def value(self) -> np.ndarray:
+        return np.array([s.value for s in self.start])
+
+    @property
+    def rate(self) -> np.ndarray:
+        return np.array([s.rate for s in self.start])
+
+    def miss(self, seen: np.ndarray) -> np.ndarray:
+        miss = self.value - seen[self.column]
+        return np.where(self.angle, (miss + np.pi) % (2 * np.pi) - np.pi, miss)
+
+
+def find_start(model: Model, data: Measured, release: Release) -> Found:
+    """The start of an experiment from its own first samples alone (see `release`)."""
+    target = _target(model, data, release)
+    made, drawn = _drawn(model)
+    best = _walk(model, made, drawn, target)
+    rng = np.random.default_rng(0)
+    for _ in range(OTHERS):
+        if best[0] < WELL:
+            break
+        elsewhere = drawn
+        for _ in range(4):
+            motions = assemble.free_motions(made, elsewhere)
+            kick = rng.uniform(-1.0, 1.0, motions.shape[-1])
+            elsewhere = _closed(made, elsewhere, jnp.asarray(motions @ kick))
+        found = _walk(model, made, elsewhere, target)
+        best = min(best, found, key=lambda f: f[0])
+    rms, pose, motions = best
+    seen, slope = (np.asarray(a) for a in look(model, pose, jnp.asarray(motions)))
+    rates = _least(slope[target.column] / target.size[:, None], target.rate / target.size)
+    turns = np.zeros(seen.size + len(model.topology.joint_ids))
+    gap = target.value - seen[target.column]
+    turns[target.column[target.angle]] = 2 * np.pi * np.round(gap[target.angle] / (2 * np.pi))
+    return Found(pose, motions, np.zeros_like(rates) if release.at_rest else rates, turns, rms)
+
+
+def _target(model: Model, data: Measured, release: Release) -> _Target:
+    joints, points = len(model.topology.joint_ids), 3 * len(model.marker_ids)
+    posing = [i for i, c in enumerate(data.channels) if c.column < joints + points]
+    if not posing:
+        raise ValueError("Joint efforts alone do not say where the mechanism starts. Add tracks or joint_positions.")
+    starts = []
+    for i in posing:
+        rows = data.of(i)
+        series = data.time_s[rows], data.value[rows], data.sigma[rows], data.release_s
+        starts.append(held_still(*series) if release.at_rest else moving(*series, release.window_s))
+    column = np.array([data.channels[i].column for i in posing], int)
+    turning = np.array([t != "prismatic" for t in model.topology.joint_types], bool)
+    angle = np.array([c < joints and turning[c] for c in column], bool)
+    size = np.where(angle, 1.0, model.scale.length_m)
+    return _Target(column, tuple(starts), angle, size)
+
+
+@jax.jit
+def _drawn(model):
+    made = system(model)
+    return made, assemble.closed(made, drawn_pose(model, made))
+
+
+@jax.jit
+def _closed(made, pose, moved):
+    return assemble.closed(made, pose, moved)
+
+
+def _walk(model: Model, made, pose: Pose, target: _Target) -> tuple[float, Pose, np.ndarray]:
+    for _ in range(60):
+        motions = assemble.free_motions(made, pose)
+        seen, slope = (np.asarray(a) for a in look(model, pose, jnp.asarray(motions)))
+        miss = target.miss(seen) / target.size
+        step = _least(slope[target.column] / target.size[:, None], miss)
+        longest = np.abs(step).max(initial=0.0)
+        if longest < 1e-10:
+            break
+        pose = _closed(made, pose, jnp.asarray(motions @ (step * min(1.0, LONGEST / longest))))
+    return float(np.sqrt(np.mean(miss**2))), pose, motions
+
+
+def _least(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(A, b, rcond=1e-6)[0]

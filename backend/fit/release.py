@@ -1,0 +1,89 @@
+"""Where an experiment begins: coordinates and velocities, with covariance, from its first samples alone.
+
+Held still, the static frames average to the start pose and the velocity is zero. Already moving, a local
+polynomial over the first window gives both. These are starting values: a fitted experiment refines them,
+a held-out one may not look any further.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+DEGREE = 3  # a window of a third of a period needs curvature and its change
+FEW = 10  # samples below which a cubic is no longer checked by its window
+
+
+@dataclass(frozen=True)
+class ChannelStart:
+    """Value and rate of one channel at the release, with standard deviations (0 for a rate known)."""
+
+    value: float
+    rate: float
+    value_sd: float
+    rate_sd: float
+    samples: int
+
+
+def held_still(
+    time_s: Float[np.ndarray, " n"],
+    value: Float[np.ndarray, " n"],
+    sigma: Float[np.ndarray, " n"],
+    release_s: float,
+) -> ChannelStart:
+    """Weighted mean of the static frames; the first sample serves alone where none precedes the release.
+
+    Raises ValueError for an empty channel.
+    """
+    if value.size == 0:
+        raise ValueError("No sample to start from: the channel is empty.")
+    still = time_s < release_s
+    if not np.any(still):
+        still = time_s <= time_s[0]
+    weight = 1.0 / sigma[still] ** 2
+    return ChannelStart(
+        float(weight @ value[still] / weight.sum()), 0.0, float(weight.sum() ** -0.5), 0.0, int(still.sum())
+    )
+
+
+def moving(
+    time_s: Float[np.ndarray, " n"],
+    value: Float[np.ndarray, " n"],
+    sigma: Float[np.ndarray, " n"],
+    release_s: float,
+    window_s: float = 0.3,
+) -> ChannelStart:
+    """Weighted local polynomial over [release, release + window], read off at the release.
+
+    Degree 3, less where samples are few. A window longer than a cubic can follow is halved until it can (rms
+    below 2 sigma) or few samples are left. Raises ValueError with fewer than two samples in the window.
+    """
+    span, found = window_s, None
+    while True:
+        inside = (time_s >= release_s) & (time_s <= release_s + span)
+        n = int(inside.sum())
+        if found is not None and n < FEW:
+            return found
+        if n < 2:
+            raise ValueError(
+                f"{n} sample(s) within {span:g} s of the release at {release_s:g} s: a velocity needs two. "
+                "Lengthen release.window_s."
+            )
+        found, miss = _cubic((time_s[inside] - release_s) / span, value[inside], sigma[inside], span)
+        if miss < 2.0:
+            return found
+        span *= 0.5
+
+
+def _cubic(u, value, sigma, span_s) -> tuple[ChannelStart, float]:
+    """Value and rate at u = 0, and the rms miss of the window in sigmas; u is time over the window's length."""
+    degree = min(DEGREE, u.size - 1)
+    A = np.vander(u, degree + 1, increasing=True) / sigma[:, None]
+    c, *_ = np.linalg.lstsq(A, value / sigma, rcond=None)
+    cov = np.linalg.pinv(A.T @ A)
+    miss = float(np.sqrt(np.sum((A @ c - value / sigma) ** 2) / max(u.size - degree - 1, 1)))
+    sd = np.sqrt(np.diag(cov))
+    rate, rate_sd = (c[1], sd[1]) if degree else (0.0, np.inf)
+    return ChannelStart(float(c[0]), float(rate / span_s), float(sd[0]), float(rate_sd / span_s), u.size), miss

@@ -1,0 +1,156 @@
+"""All experiments of a fit as one least-squares problem: whitened residuals, static frames and priors.
+
+Rows: samples in motion, divided by their sigma and by `spread`; then static frames; then tolerances. `spread`
+is the misfit in sigmas (1 for a model that fits): with it a wrong law may not outvote what static frames and
+tolerances say.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from backend.fit.free import FreeParameter
+from backend.fit.noise import lag_one, whiten_ar1
+from backend.fit.prior import GaussianPrior
+from backend.fit.run import Run
+from backend.fit.solve import LeastSquares
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Experiment (-1: a prior) and instant of each row, and how many leading rows are samples in motion."""
+
+    run: Int[np.ndarray, " n"]
+    instant: Int[np.ndarray, " n"]
+    motion: int
+
+
+@dataclass
+class Residuals:
+    """The residual function of a study.
+
+    x = (values of the parameters, own unknowns of each run). memory: AR(1) coefficient by (run, channel), empty
+    for white noise.
+    """
+
+    parameters: Sequence[FreeParameter]
+    scale: Float[np.ndarray, " p"]
+    runs: Sequence[Run]
+    spread: float = 1.0
+    memory: dict[tuple[int, int], float] = field(default_factory=dict)
+
+    def __post_init__(self):
+        p = len(self.parameters)
+        ends = p + np.cumsum([0, *[r.unknowns for r in self.runs]])
+        self._own = [slice(a, b) for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]
+        sd = {f.name: (f.start, f.prior_sd) for f in self.parameters if f.prior_sd is not None}
+        self.prior = GaussianPrior.of([f.name for f in self.parameters], sd) if sd else GaussianPrior.none()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all unknowns."""
+        return [f.name for f in self.parameters] + [n for run in self.runs for n in run.own_names()]
+
+    @property
+    def start(self) -> Float[np.ndarray, " x"]:
+        """Declared or drawn values, and the starts found."""
+        return np.concatenate([[f.start for f in self.parameters], *[run.start for run in self.runs]])
+
+    def own(self, x: np.ndarray, run: int) -> np.ndarray:
+        """The own unknowns of one run."""
+        return x[self._own[run]]
+
+    def problem(self, fraction: float = 1.0) -> LeastSquares:
+        """Least squares over the first fraction of every record."""
+        bounds = [run.bounds() for run in self.runs]
+        lower = np.concatenate([[f.lower for f in self.parameters], *[b[0] for b in bounds]])
+        upper = np.concatenate([[f.upper for f in self.parameters], *[b[1] for b in bounds]])
+        scale = np.concatenate([self.scale, *[np.ones(run.unknowns) for run in self.runs]])
+        last: dict[str, np.ndarray] = {}
+
+        def linearise(x: np.ndarray):
+            # The value comes with the derivative for twice its price, and most trial steps are accepted.
+            if last.get("x") is None or not np.array_equal(last["x"], x):
+                r, J = self.evaluate(x, fraction)
+                last.update(x=x.copy(), r=r, J=J)
+            return last["r"], last["J"]
+
+        return LeastSquares(
+            self.names, lambda x: linearise(x)[0], linearise, lower, upper, scale, self.rows(fraction).motion
+        )
+
+    def evaluate(self, x: np.ndarray, fraction: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """(r, J) at x, rows as `rows` says."""
+        p = len(self.parameters)
+
+        def one(i: int):
+            return self.runs[i].predict(x[:p], self.own(x, i))
+
+        with ThreadPoolExecutor(max_workers=min(len(self.runs), os.cpu_count() or 1)) as pool:
+            seen = list(pool.map(one, range(len(self.runs))))
+        motion: list[tuple[np.ndarray, np.ndarray]] = []
+        still: list[tuple[np.ndarray, np.ndarray]] = []
+        for i, (run, (prediction, slope)) in enumerate(zip(self.runs, seen, strict=True)):
+            keep = run.within(fraction)
+            sigma = run.data.sigma[keep]
+            r = (prediction - run.data.value)[keep] / sigma
+            J = np.zeros((keep.size, x.size))
+            J[:, :p] = slope[keep, :p] / sigma[:, None]
+            J[:, self._own[i]] = slope[keep, p:] / sigma[:, None]
+            held = run.data.still[keep]
+            r_m, J_m = self._remember(i, run.data.channel[keep][~held], r[~held], J[~held])
+            motion.append((r_m / self.spread, J_m / self.spread))
+            still.append((r[held], J[held]))
+        prior = (self.prior.residual(x), self.prior.jacobian(x.size))
+        parts = [*motion, *still, prior]
+        return np.concatenate([r for r, _ in parts]), np.concatenate([J for _, J in parts])
+
+    def _remember(self, run: int, channel: np.ndarray, r: np.ndarray, J: np.ndarray):
+        for c in np.unique(channel):
+            if a := self.memory.get((run, int(c)), 0.0):
+                rows = channel == c
+                r[rows], J[rows] = whiten_ar1(r[rows], a), whiten_ar1(J[rows], a)
+        return r, J
+
+    def learn_spread(self, x: np.ndarray, fraction: float = 1.0) -> float:
+        """Take the misfit at x, in sigmas rms and at least 1, as the spread; returns it."""
+        r, _ = self.evaluate(x, fraction)
+        rms = self.spread * float(np.sqrt(np.mean(r[: self.rows(fraction).motion] ** 2)))
+        self.spread = max(rms, 1.0) if np.isfinite(rms) else self.spread
+        return self.spread
+
+    def learn_memory(self, x: np.ndarray) -> None:
+        """Take the AR(1) coefficient of every channel from its residuals at x."""
+        self.memory = {}
+        r, _ = self.evaluate(x)
+        at = 0
+        for i, run in enumerate(self.runs):
+            channel = run.data.channel[~run.data.still]
+            for c in np.unique(channel):
+                self.memory[(i, int(c))] = lag_one(r[at : at + channel.size][channel == c])
+            at += channel.size
+
+    def rows(self, fraction: float = 1.0) -> Rows:
+        """Bookkeeping of the rows."""
+        run, instant = [], []
+        for held in (False, True):
+            for i, each in enumerate(self.runs):
+                rows = each.within(fraction)
+                rows = rows[each.data.still[rows] == held]
+                _, order = np.unique(each.data.time_s[rows], return_inverse=True)
+                # Static frames are taken at their word, like priors.
+                run.append(np.full(rows.size, -1 if held else i))
+                instant.append(order)
+        motion = sum(part.size for part in run[: len(self.runs)])
+        priors = self.prior.index.size
+        return Rows(
+            np.concatenate([*run, np.full(priors, -1)]),
+            np.concatenate([*instant, np.zeros(priors, int)]),
+            motion,
+        )

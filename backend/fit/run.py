@@ -1,0 +1,160 @@
+"""One experiment ready to be compared with the model: its data, its start, and its whitened residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from backend.effects.shapes import AbstractClock
+from backend.fit.measured import Measured, measured
+from backend.fit.pose import Found, find_start
+from backend.fit.prediction import Addresses, Setting, linearised, roomy
+from backend.fit.solve import LeastSquares, solve
+from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.study import Experiment
+from backend.model.model import Model
+from backend.simulate.record import on_steps
+
+CLOCK_ROOM = 1.3  # longer rollouts where the clock itself may be wrong
+
+
+@dataclass
+class Run:
+    """One experiment. Its own unknowns: `mobility` start coordinates, and as many rates if it starts moving."""
+
+    experiment: Experiment
+    data: Measured
+    model: Model
+    found: Found
+    addresses: Addresses
+    step_s: float
+
+    @classmethod
+    def of(cls, experiment: Experiment, mechanism: Mechanism, model: Model, addresses: Addresses, step_s: float) -> Run:
+        """Read the tables and find the start. ValueError names the experiment."""
+        values = {(e, p): v for e, given in experiment.overrides.items() for p, v in given.items()}
+        free = {a for group in addresses for a in group}
+        if clash := sorted(set(values) & free):
+            raise ValueError(
+                f"experiment '{experiment.id}' overrides {'.'.join(clash[0])}, which is also free. "
+                "Drop the override, or do not free it."
+            )
+        model = model.with_parameters({a: jnp.asarray(v) for a, v in values.items()}) if values else model
+        data = measured(experiment, mechanism)
+        try:
+            found = find_start(model, data, experiment.release)
+        except ValueError as error:
+            raise ValueError(f"experiment '{experiment.id}': {error}") from None
+        return cls(experiment, data, model, found, addresses, step_s)
+
+    @property
+    def moving(self) -> bool:
+        """Whether it starts in motion, so that rates are unknown too."""
+        return not self.experiment.release.at_rest
+
+    @property
+    def mobility(self) -> int:
+        """Number of start coordinates."""
+        return self.found.motions.shape[-1]
+
+    @property
+    def unknowns(self) -> int:
+        """Number of its own unknowns."""
+        return self.mobility * (2 if self.moving else 1)
+
+    @property
+    def start(self) -> Float[np.ndarray, " unknowns"]:
+        """Where the search for them begins."""
+        zero = np.zeros(self.mobility)
+        return np.concatenate([zero, self.found.rates]) if self.moving else zero
+
+    @property
+    def duration_s(self) -> float:
+        """From the release to the last sample."""
+        return float(self.data.time_s.max() - self.data.release_s)
+
+    @property
+    def since_release_s(self) -> Float[np.ndarray, " n"]:
+        """When each sample was taken, as stated, counted from the release."""
+        return self.data.time_s - self.data.release_s
+
+    def within(self, fraction: float) -> np.ndarray:
+        """Samples (indices) of the first fraction of the record, static frames included."""
+        return np.flatnonzero(self.since_release_s <= fraction * self.duration_s)
+
+    @cached_property
+    def setting(self) -> Setting:
+        """The rollout of the whole record. Records of similar length share one compiled program."""
+        since = self.since_release_s
+        clocks = bool(self.model.of(AbstractClock))
+        steps = roomy(int(np.ceil(self.duration_s * (CLOCK_ROOM if clocks else 1.0) / self.step_s)) + 1)
+        column, time = np.zeros(roomy(since.size), int), np.zeros(roomy(since.size))
+        column[: since.size], time[: since.size] = self.data.column, since
+        record = None
+        if (table := self.experiment.inputs) is not None:
+            series = [
+                ((str(effect), str(name)), rows["time_s"].to_numpy(float), rows["value"].to_numpy(float))
+                for (effect, name), rows in table.groupby(["effect", "parameter"], sort=False)  # type: ignore[misc]
+            ]
+            # A node's velocity needs the step that follows it: `on_steps` gives one more than asked.
+            record = on_steps(self.model, series, self.step_s, steps, self.data.release_s)
+        return Setting(
+            self.model, self.found.reference, jnp.asarray(self.found.motions), jnp.asarray(time),
+            jnp.asarray(column), jnp.asarray(self.found.turns), record, steps,
+        )  # fmt: skip
+
+    def predict(self, values: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Predicted samples and their derivative in (values, own); NaN from where the motion is lost."""
+        rates = own[self.mobility :] if self.moving else np.zeros(self.mobility)
+        x = np.concatenate([values, own[: self.mobility], rates])
+        directions = np.eye(len(values) + self.unknowns, x.size)
+        seen, slope, lost = linearised(
+            self.setting, self.addresses, self.step_s, jnp.asarray(x), jnp.asarray(directions)
+        )
+        n = self.data.time_s.size
+        return np.where(np.asarray(lost[:n]), np.nan, np.asarray(seen[:n])), np.asarray(slope[:n])
+
+    def settle(self, values: np.ndarray) -> np.ndarray:
+        """Its own unknowns from its static frames, or its first window, alone: `values` stay as given.
+
+        This is all that a held-out experiment may learn from itself.
+        """
+        release = self.experiment.release
+        since = self.since_release_s
+        early = since <= release.window_s if self.moving else self.data.still
+        if not np.any(early):
+            early = since <= since.min()
+        only_joints = all(c.coordinate == "q" for c in self.data.channels)
+        if only_joints and not self.moving:
+            return self.start  # the static mean is already the best answer
+        p, last = len(values), {}
+
+        def linearise(own: np.ndarray):
+            if last.get("own") is None or not np.array_equal(last["own"], own):
+                seen, slope = self.predict(values, own)
+                sigma = self.data.sigma[early]
+                r = (seen - self.data.value)[early] / sigma
+                last.update(own=own.copy(), r=r, J=slope[early][:, p:] / sigma[:, None])
+            return last["r"], last["J"]
+
+        lower, upper = self.bounds()
+        problem = LeastSquares(
+            [f"start {i}" for i in range(self.unknowns)], lambda y: linearise(y)[0], linearise,
+            lower, upper, np.ones(self.unknowns),
+        )  # fmt: skip
+        return solve(problem, self.start, max_iterations=12, ftol=1e-6).x
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Start coordinates stay near the pose that was found; rates are free."""
+        upper = np.full(self.unknowns, np.inf)
+        upper[: self.mobility] = 0.7  # rad, or mechanism lengths
+        return -upper, upper
+
+    def own_names(self) -> list[str]:
+        """Names of its own unknowns."""
+        kinds = ["coordinate"] * self.mobility + ["rate"] * self.mobility
+        return [f"start:{self.experiment.id}.{k}{i % self.mobility + 1}" for i, k in enumerate(kinds[: self.unknowns])]

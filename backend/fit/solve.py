@@ -1,0 +1,272 @@
+"""Bounded, scaled nonlinear least squares on whitened residuals.
+
+Minimises  1/2 sum_i rho(r_i(x)^2)  subject to  lower <= x <= upper.
+
+Each Levenberg-Marquardt step solves its linear model inside the box *exactly* (bounded-variable least
+squares, Stark and Parker 1995): a parameter resting on a bound costs nothing and leaves it when the data ask.
+Damping is scaled by the largest column norms seen (Moré 1978), which makes the path independent of units.
+A residual that is not finite (a simulation that ran away) rejects the step; it never ends the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import lsq_linear, minimize
+
+from backend.fit.loss import LossName, bulk_spread, evaluate_loss
+
+Vector = Float[np.ndarray, " p"]
+Status = Literal["converged", "rough", "iteration_limit", "disagree", "not_finite_at_start", "cancelled"]
+Optimiser = Literal["lm", "lbfgsb"]
+
+# Sticking and impacts make a simulated residual rough at a fine scale: each reversal falls into another step.
+# There the exact derivative is not the slope that counts, and steps go on gaining next to nothing.
+PATIENCE = 4  # accepted steps that together must gain
+ROUGH = 2e-4  # this share of the objective; the sd of a parameter moves it by 1/n for n samples
+STILL_IMPROVING = "Stopped after {} iterations, still improving. Allow more iterations or free fewer parameters."
+NO_STEP_ROUGH = "Converged as far as the simulation is smooth: no step lowers the objective further."
+NO_STEP = (
+    "No step lowers the objective, though its slope promises {:.1e} of it: derivative and simulation disagree. "
+    "Use a smaller step or another start."
+)
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """Whitened residuals of p parameters, with their bounds and natural scales.
+
+    residual: x -> r (n); may be non-finite where the simulation fails.
+    linearise: x -> (r, J), J (n, p) = dr/dx.
+    data_rows: how many leading rows are data; the rest are priors, which a robust loss leaves alone.
+    """
+
+    names: Sequence[str]
+    residual: Callable[[Vector], Float[np.ndarray, " n"]]
+    linearise: Callable[[Vector], tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n p"]]]
+    lower: Vector
+    upper: Vector
+    scale: Vector
+    data_rows: int | None = None
+
+    def __post_init__(self):
+        for name, lower, upper, scale in zip(self.names, self.lower, self.upper, self.scale, strict=True):
+            if not lower < upper:
+                raise ValueError(f"{name}: lower bound {lower:g} is not below upper bound {upper:g}. Fix the bounds.")
+            if not (np.isfinite(scale) and scale > 0):
+                raise ValueError(f"{name}: natural scale {scale:g} must be positive. Give its typical size.")
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One accepted step: the objective is 1/2 sum rho; gradient_norm is max |scale * dObjective/dx| free."""
+
+    iteration: int
+    objective: float
+    gradient_norm: float
+    parameters: Vector
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where the search ended, and how: r and J are whitened and unweighted, weights are the robust ones."""
+
+    x: Vector
+    residual: Float[np.ndarray, " n"]
+    jacobian: Float[np.ndarray, "n p"]
+    weights: Float[np.ndarray, " n"]
+    objective: float
+    status: Status
+    message: str
+    at_bound: tuple[bool, ...]
+    history: tuple[Iteration, ...] = field(repr=False)
+    evaluations: int = 0
+
+    @property
+    def converged(self) -> bool:
+        """True also for `rough`: the objective is not smooth enough to go on, and the rest is below noise."""
+        return self.status in ("converged", "rough")
+
+
+@dataclass
+class _Cost:
+    """The robust objective, with the width of the loss fixed while one search runs."""
+
+    problem: LeastSquares
+    loss: LossName
+    spread: float = 1.0
+
+    def __call__(self, r: np.ndarray) -> tuple[float, np.ndarray]:
+        if not np.all(np.isfinite(r)):
+            return np.inf, np.ones_like(r)
+        n = r.size if self.problem.data_rows is None else self.problem.data_rows
+        cost, weight = evaluate_loss(self.loss, r[:n], self.spread)
+        return 0.5 * float(cost.sum() + r[n:] @ r[n:]), np.concatenate([weight, np.ones(r.size - n)])
+
+
+def solve(
+    problem: LeastSquares,
+    start: Vector,
+    *,
+    optimiser: Optimiser = "lm",
+    loss: LossName = "linear",
+    max_iterations: int = 60,
+    ftol: float = 1e-9,
+    gtol: float = 1e-9,
+    progress: Callable[[Iteration], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Solution:
+    """Minimise from `start` (clipped into the box).
+
+    ftol: stop when neither the model nor the objective can gain this fraction. gtol: stop when every free
+    column is this orthogonal to the residual (cosine). Failures come back as a status with a sentence.
+    """
+    x = np.clip(np.asarray(start, float), problem.lower, problem.upper)
+    r, J = problem.linearise(x)
+    cost = _Cost(problem, loss)
+    if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
+        bad = int(np.sum(~np.isfinite(r)))
+        return Solution(
+            x, r, J, np.ones_like(r), np.inf, "not_finite_at_start",
+            f"The simulation is not finite at the starting values ({bad} of {r.size} residuals). "
+            "Start from other values, shorten the horizon, or use a smaller step.",
+            _at_bound(problem, x), (), 1,
+        )  # fmt: skip
+    if loss != "linear":
+        cost.spread = bulk_spread(r[: problem.data_rows])
+    search = _levenberg_marquardt if optimiser == "lm" else _lbfgsb
+    return search(problem, cost, x, r, J, max_iterations, ftol, gtol, progress, cancelled)
+
+
+def _at_bound(problem: LeastSquares, x: Vector) -> tuple[bool, ...]:
+    slack = 1e-9 * problem.scale
+    return tuple(bool(b) for b in (x <= problem.lower + slack) | (x >= problem.upper - slack))
+
+
+def _free(problem: LeastSquares, x: Vector, gradient: Vector) -> np.ndarray:
+    """Parameters that the gradient does not press against a bound."""
+    slack = 1e-12 * problem.scale
+    return ~(((x <= problem.lower + slack) & (gradient > 0)) | ((x >= problem.upper - slack) & (gradient < 0)))
+
+
+def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, progress, cancelled) -> Solution:
+    objective, weight = cost(r)
+    damping, growth, evaluations = 1e-3, 2.0, 1
+    widest = np.zeros_like(x)
+    history: list[Iteration] = []
+
+    def end(status: Status, message: str) -> Solution:
+        return Solution(x, r, J, weight, objective, status, message, _at_bound(problem, x), tuple(history), evaluations)
+
+    while True:
+        root = np.sqrt(weight)
+        Q, R = np.linalg.qr(root[:, None] * J)
+        Qr = Q.T @ (root * r)
+        gradient = R.T @ Qr
+        columns = np.linalg.norm(R, axis=0)
+        widest = np.maximum(widest, columns)
+        free = _free(problem, x, gradient)
+        norm = float(np.max(np.abs(problem.scale * gradient)[free], initial=0.0))
+        history.append(Iteration(len(history), objective, norm, x.copy()))
+        if progress is not None:
+            progress(history[-1])
+        cosine = np.abs(gradient) / np.maximum(columns * np.linalg.norm(root * r), 1e-300)
+        if np.max(cosine[free], initial=0.0) <= gtol:
+            return end("converged", "Converged: the residual is orthogonal to every free parameter.")
+        if len(history) > PATIENCE and history[-1 - PATIENCE].objective - objective < ROUGH * objective:
+            return end("rough", f"Converged as far as the simulation is smooth: {PATIENCE} steps gained little.")
+        if len(history) > max_iterations:
+            return end("iteration_limit", STILL_IMPROVING.format(max_iterations))
+        while True:  # until a step is accepted
+            if cancelled is not None and cancelled():
+                return end("cancelled", f"Cancelled after {len(history) - 1} iterations.")
+            step = _step_in_box(problem, x, R, Qr, damping, widest)
+            predicted = -float(gradient @ step + 0.5 * np.sum((R @ step) ** 2))
+            if predicted <= ftol * objective and damping < 1.0:
+                return end("converged", f"Converged: no step can gain more than {ftol:g} of the objective.")
+            trial = np.clip(x + step, problem.lower, problem.upper)
+            reached = cost(problem.residual(trial))[0]
+            evaluations += 1
+            gain = (objective - reached) / max(predicted, 1e-300)
+            if gain > 1e-4:
+                break
+            damping, growth = damping * growth, 2.0 * growth
+            if damping > 1e8:
+                best = _step_in_box(problem, x, R, Qr, 1e-12, widest)
+                share = -float(gradient @ best) / 2.0 / max(objective, 1e-300)
+                return end(*(("rough", NO_STEP_ROUGH) if share < 1e-3 else ("disagree", NO_STEP.format(share))))
+        x = trial
+        r, J = problem.linearise(x)
+        objective, weight = cost(r)
+        if not np.all(np.isfinite(J)):
+            return end("disagree", "The derivative of the simulation is not finite here. Use a smaller step.")
+        damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-12)  # Nielsen (1999)
+        growth = 2.0
+
+
+def _step_in_box(problem, x, R, Qr, damping, widest) -> Vector:
+    """argmin |R p + Q'r|^2 + damping |D p|^2 inside the box, D the widest columns seen."""
+    D = np.where(widest > 0, widest, 1.0 / problem.scale)
+    A = np.vstack([R / D, np.sqrt(damping) * np.eye(x.size)])
+    b = np.concatenate([-Qr, np.zeros(x.size)])
+    low, high = D * (problem.lower - x), D * (problem.upper - x)
+    free = np.linalg.lstsq(A, b, rcond=None)[0]
+    if np.all((free >= low) & (free <= high)):
+        return free / D
+    return lsq_linear(A, b, (np.minimum(low, 0.0), np.maximum(high, 0.0)), method="bvls").x / D
+
+
+def _lbfgsb(problem, cost, x, r, J, max_iterations, ftol, gtol, progress, cancelled) -> Solution:
+    """Quasi-Newton on the same objective in scaled variables; for comparison, it does not see J'J."""
+    history: list[Iteration] = []
+    last: dict[str, np.ndarray] = {}
+    state = {"objective": cost(r)[0], "evaluations": 0}
+
+    class _Cancelled(Exception):
+        pass
+
+    def value(z):
+        at = np.clip(z * problem.scale, problem.lower, problem.upper)
+        rr, JJ = problem.linearise(at)
+        state["evaluations"] += 1
+        f, w = cost(rr)
+        if not (np.isfinite(f) and np.all(np.isfinite(JJ))):
+            return 1e6 * (1.0 + abs(state["objective"])), np.zeros_like(z)  # a wall: the line search backs off
+        g = problem.scale * (JJ.T @ (w * rr))
+        last.update(z=z.copy(), g=g, f=np.array(f))
+        return f, g
+
+    def record(z):
+        at = np.clip(z * problem.scale, problem.lower, problem.upper)
+        g = last["g"]
+        free = _free(problem, at, g)
+        history.append(Iteration(len(history), float(last["f"]), float(np.max(np.abs(g[free]), initial=0.0)), at))
+        if progress is not None:
+            progress(history[-1])
+        if cancelled is not None and cancelled():
+            raise _Cancelled
+
+    bounds = list(zip(problem.lower / problem.scale, problem.upper / problem.scale, strict=True))
+    status: Status
+    try:
+        value(x / problem.scale)
+        record(x / problem.scale)
+        found = minimize(
+            value, x / problem.scale, jac=True, method="L-BFGS-B", bounds=bounds, callback=record,
+            options={"maxiter": max_iterations, "ftol": ftol * 1e-2, "gtol": gtol},
+        )  # fmt: skip
+        x = np.clip(found.x * problem.scale, problem.lower, problem.upper)
+        status = "converged" if found.status == 0 else "iteration_limit"
+        message = f"L-BFGS-B: {found.message}"
+    except _Cancelled:
+        x, status, message = history[-1].parameters, "cancelled", "Cancelled."
+    r, J = problem.linearise(x)
+    objective, weight = cost(r)
+    return Solution(
+        x, r, J, weight, objective, status, message, _at_bound(problem, x), tuple(history),
+        state["evaluations"],
+    )  # fmt: skip
