@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,9 @@ def write_page(template: str, path: str | Path, **story: Any) -> Path:
     """Render a template of this room with its story; the folder is made where it is missing."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(_environment().get_template(template).render(**story), encoding="utf-8")
+    created = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    page = _environment().get_template(template).render(**story, version=version("linktwin"), created=created)
+    path.write_text(page, encoding="utf-8")
     return path
 
 

@@ -1,0 +1,102 @@
+"""The report of the demonstration: drawn, seen, fitted against the truth, and put to an unseen load."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+
+import numpy as np
+
+from backend.mechanism.mechanism import Mechanism
+from backend.report.evidence import Channel, DemoEvidence
+from backend.report.fit_page import cautions, overlaid
+from backend.report.page import write_page
+from backend.report.quantity import at_the_bench, shown
+
+
+def write_demo_page(evidence: DemoEvidence, path: str | Path) -> Path:
+    """Write the report as one HTML file; returns its path."""
+    fit = evidence.fit
+    before, after, unit = _prediction_errors(evidence.prediction)
+    return write_page(
+        "demo.html",
+        path,
+        title=fit.title,
+        headline="A linkage was drawn, filmed and fitted; the fitted twin was then asked about a load it had never seen.",
+        key_figures=[
+            (f"{shown(before)} {unit}", "error of the drawing on the unseen load"),
+            (f"{shown(after)} {unit}", "error of the fitted twin on it"),
+            (_verdict(evidence), "true values inside their 95% intervals"),
+            (f"{shown(sum(seconds for _, seconds in evidence.steps), 2)} s", "for the whole run"),
+        ],
+        mechanism=fit.mechanism,
+        drawn=_drawn(fit.mechanism),
+        parts=_parts(fit.mechanism),
+        seen=_seen(evidence),
+        stills=[{"png": base64.b64encode(png).decode(), "time": f"{time_s:.3f} s"} for time_s, png in evidence.stills],
+        reality=evidence.reality,
+        report=fit.report,
+        truth=dict(fit.truth),
+        cautions=cautions(fit.report),
+        overlays=fit.overlays,
+        fitted=[overlaid(channel) for channel in fit.channels if channel.use == "fit"][:4],
+        prediction=f"{evidence.unseen} The drawing misses it by {shown(before)} {unit} rms, the fitted twin by "
+        f"{shown(after)} {unit}: {shown(before / after, 2)} times closer.",
+        prediction_overlay=evidence.prediction_overlay,
+        predicted=[overlaid(channel) for channel in evidence.prediction][:4],
+        steps=evidence.steps,
+        files=evidence.files,
+    )
+
+
+def _prediction_errors(channels: tuple[Channel, ...]) -> tuple[float, float, str]:
+    """Rms of drawing and of twin over the unseen load, in the unit of its channels."""
+    units = {channel.unit for channel in channels}
+    if len(units) != 1 or any(channel.before is None for channel in channels):
+        raise ValueError(
+            f"the unseen load has channels in {sorted(units)}; give at least one, all in one unit, with `before`"
+        )
+    unit, factor = at_the_bench(units.pop())
+
+    def rms(of: str) -> float:
+        left = np.concatenate([c.measured - getattr(c, of) for c in channels])
+        return factor * float(np.sqrt(np.nanmean(left**2)))
+
+    return rms("before"), rms("after"), unit
+
+
+def _verdict(evidence: DemoEvidence) -> str:
+    known = [p for p in evidence.fit.report.parameters if p.name in evidence.fit.truth]
+    inside = 0
+    for p in known:
+        low, high = p.ci95 or (None, None)
+        if low is not None and high is not None:
+            inside += low <= evidence.fit.truth[p.name] <= high
+    return f"{inside} of {len(known)}"
+
+
+def _drawn(mechanism: Mechanism) -> str:
+    moving = sum(not body.fixed for body in mechanism.bodies)
+    effects = ", ".join(sorted({effect.kind.replace("_", " ") for effect in mechanism.effects}))
+    tool = mechanism.provenance.tool if mechanism.provenance and mechanism.provenance.tool else "CAD"
+    holds = f"and already holds {effects}" if effects else "and holds no friction, spring or drag"
+    return f"“{mechanism.name}”, drawn in {tool}: {moving} moving parts on {len(mechanism.joints)} joints. The drawing knows shapes and masses {holds}."
+
+
+def _parts(mechanism: Mechanism) -> list[dict]:
+    return [
+        {
+            "name": body.name or body.id,
+            "mass_g": None if body.inertial is None or body.fixed else 1e3 * body.inertial.mass_kg,
+            "joints": ", ".join(j.id for j in mechanism.joints if body.id in (j.body_a, j.body_b)),
+        }
+        for body in mechanism.bodies
+    ]
+
+
+def _seen(evidence: DemoEvidence) -> str:
+    tracks = {(c.experiment, c.at) for c in evidence.fit.channels}
+    return (
+        f"{evidence.frames} frames at {shown(evidence.frames_per_s)} frames per second. The tracker found the dots in each "
+        f"frame and turned them into metres with the marks on the bed: {len(tracks)} tracks, each point with its own uncertainty."
+    )
