@@ -243,7 +243,9 @@ def render_clip(
             if progress:
                 progress(t + 1, len(times))
         out.mux(stream.encode(None))
-    truth = describe(camera, bed, look, ticks * float(TICK), dict(zip(ids, camera.project(p).swapaxes(0, 1), strict=True)))
+    truth = describe(
+        camera, bed, look, ticks * float(TICK), dict(zip(ids, camera.project(p).swapaxes(0, 1), strict=True))
+    )
     path.with_suffix(".truth.json").write_text(json.dumps(truth))
     sheet = {"marks": truth["bed_marks"], "plane": truth["plane"]}
     path.with_suffix(".bed.json").write_text(json.dumps(sheet, indent=1))

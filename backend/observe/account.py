@@ -1,0 +1,107 @@
+"""What to tell the person who filmed: how much was seen, how well, and what would spoil it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from backend.observe.bed import Bed
+from backend.observe.dots import DotLook
+from backend.observe.project import AbstractView, calibrate, mark_residuals_px, parallax_per_height
+from backend.observe.video import Video
+
+UNKNOWN_HEIGHT_M = 0.005  # the example height of a warning: a bar's thickness
+MARK_SD_PX = 0.5  # a mark clicked by hand
+
+
+def warn_height(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> list[str]:
+    """What dots above the marks' plane do to the places, in millimetres, where that is not corrected."""
+    if bed.marker_height_m is not None and (bed.lens or bed.camera_height_m or not _raised(bed)):
+        return []
+    per_height, camera_m = parallax_per_height(view, px, width_px)
+    about = "" if bed.lens or bed.camera_height_m else " (judged from a phone's usual lens)"
+    camera = f"the camera is about {1e3 * camera_m:.0f} mm up{about}"
+    if bed.marker_height_m is None:
+        return [
+            f"How far the dots are above the plane of the bed marks is unknown and taken as zero; {camera}, so "
+            f"dots {1e3 * UNKNOWN_HEIGHT_M:.0f} mm up are placed up to {1e3 * UNKNOWN_HEIGHT_M * per_height:.1f} mm "
+            "too far out. Give marker_height_m, and lens or camera_height_m, with the bed marks."
+        ]
+    highest = max(map(abs, _listed(bed)))
+    return [
+        f"The dots are {1e3 * highest:.1f} mm above the bed marks, which needs the camera's height to correct; "
+        f"{camera}, so they are placed up to {1e3 * highest * per_height:.1f} mm too far out. "
+        "Give lens or camera_height_m."
+    ]
+
+
+def _listed(bed: Bed) -> list[float]:
+    heights = bed.marker_height_m
+    return list(heights.values()) if isinstance(heights, dict) else [heights or 0.0]
+
+
+def _raised(bed: Bed) -> bool:
+    return any(_listed(bed))
+
+
+def warn_marks(bed: Bed, view: AbstractView) -> list[str]:
+    """Which bed mark disagrees with the others, if any."""
+    off = mark_residuals_px(bed, view)
+    worst = int(off.argmax())
+    if off[worst] < 3.0:
+        return []
+    return [
+        f"Bed mark {bed.marks[worst].id} is {off[worst]:.1f} px from where the other marks put it; "
+        "check its metres and its pixels."
+    ]
+
+
+def mark_error_m(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int, height_px: int) -> float:
+    """Rms error [m] that marks placed to 0.5 px put on points seen at `px`: common to the whole clip."""
+    flat, total = np.zeros(len(px)), 0.0
+    nominal = view.metres(px, flat)
+    for k in range(len(bed.marks)):
+        for shift in ({"x_px": MARK_SD_PX}, {"y_px": MARK_SD_PX}):
+            moved = bed.marks[k].model_copy(update={n: getattr(bed.marks[k], n) + d for n, d in shift.items()})
+            other = bed.model_copy(update={"marks": (*bed.marks[:k], moved, *bed.marks[k + 1 :])})
+            total += ((calibrate(other, width_px, height_px).metres(px, flat) - nominal) ** 2).sum(1).mean() / 2
+    return float(np.sqrt(total))
+
+
+def summarise(
+    video: Video,
+    tracks: pd.DataFrame,
+    look: DotLook,
+    view: AbstractView,
+    bed: Bed,
+    metres_per_px: float,
+    strangers: int,
+    warnings: list[str],
+    size_px: tuple[int, int],
+) -> dict[str, Any]:
+    """Plain JSON values: frames and rate, status counts per marker, sigma, calibration, warnings."""
+    seen = tracks[tracks.status == "observed"]
+    every = seen.iloc[:: max(1, len(seen) // 200)][["x_px", "y_px"]].to_numpy()
+    by_marker = {}
+    for name, rows in tracks.groupby("marker", sort=False):
+        counts = {str(k): int(n) for k, n in rows.status.value_counts().items()}
+        sigma = rows.sigma_m[rows.status == "observed"].median()
+        by_marker[str(name)] = {"status": counts, "sigma_m": None if np.isnan(sigma) else float(sigma)}
+    return {
+        "video": video.name,
+        "frames": int(tracks.frame.nunique()),
+        "frames_per_s": video.frames_per_s,
+        "duration_s": float(tracks.time_s.max() - tracks.time_s.min()),
+        "metres_per_px": float(metres_per_px),
+        "dot_radius_px": look.radius_px,
+        "dot_hue_deg": float(np.rad2deg(look.hue_rad)),
+        "sigma_m": float(seen.sigma_m.median()),
+        "mark_residual_px": float(np.sqrt((mark_residuals_px(bed, view) ** 2).mean())),
+        "calibration_sd_m": mark_error_m(bed, view, every, *size_px),
+        "markers": by_marker,
+        "dots_not_drawn": strangers,
+        "truncated": video.truncated,
+        "warnings": warnings,
+    }

@@ -1,0 +1,154 @@
+"""The bed as the user describes it: printed marks, the plane they lie in, and what is known of the camera.
+
+The bed file is JSON: either the list of marks alone, or an object with `marks` and any of `plane`, `lens`,
+`camera_height_m` and `marker_height_m`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from backend.observe.tracking_error import TrackingError
+
+Number = Annotated[float, Field(strict=False)]
+Vector = tuple[Number, Number, Number]
+
+
+class _Described(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class BedMark(_Described):
+    """One mark: where it is on the bed [m] and in the picture [px], (0, 0) the centre of the corner pixel."""
+
+    id: str
+    x_m: Number
+    y_m: Number
+    x_px: Number
+    y_px: Number
+
+
+class Plane(_Described):
+    """Where the bed lies in the world W: its origin [m] and the directions of its x and y, orthonormal.
+
+    A flat bed is the default; an upright rig has x_axis (1, 0, 0) and y_axis (0, 0, 1).
+    """
+
+    origin_m: Vector = (0.0, 0.0, 0.0)
+    x_axis: Vector = (1.0, 0.0, 0.0)
+    y_axis: Vector = (0.0, 1.0, 0.0)
+
+    @model_validator(mode="after")
+    def _orthonormal(self) -> Plane:
+        axes = np.array([self.x_axis, self.y_axis])
+        if np.abs(axes @ axes.T - np.eye(2)).max() > 1e-6:
+            raise ValueError(f"x_axis {self.x_axis} and y_axis {self.y_axis} are not unit vectors at a right angle")
+        return self
+
+    def axes(self) -> Float[np.ndarray, "3 3"]:
+        """Rows: the bed's x, y and normal (x cross y), in W."""
+        x, y = np.array(self.x_axis), np.array(self.y_axis)
+        return np.stack([x, y, np.cross(x, y)])
+
+    def from_world(self, p_W: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Bed coordinates (x, y, along the normal) [m] of world positions [m]."""
+        return (np.asarray(p_W, float) - np.array(self.origin_m)) @ self.axes().T
+
+    def to_world(self, xy_m: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
+        """World positions [m] of points in the bed; what runs along the normal is not measured: NaN.
+
+        Where the normal is no world axis, all three coordinates are those of the point in the plane.
+        """
+        world = np.array(self.origin_m) + np.asarray(xy_m) @ self.axes()[:2]
+        unseen = np.abs(np.abs(self.axes()[2]) - 1) < 1e-9
+        return np.where(unseen, np.nan, world)
+
+
+class Lens(_Described):
+    """Focal length [px], radial distortion k1 (Brown), optical centre [px] (default: the picture's middle)."""
+
+    focal_px: Annotated[Number, Field(gt=0)]
+    k1: Number = 0.0
+    centre_px: tuple[Number, Number] | None = None
+
+
+class Bed(_Described):
+    """Everything known about the bed.
+
+    camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots above the plane of the
+    marks, towards the camera [m]: one for all, or by marker; unknown where None.
+    """
+
+    marks: tuple[BedMark, ...]
+    plane: Plane = Plane()
+    lens: Lens | None = None
+    camera_height_m: Annotated[Number, Field(gt=0)] | None = None
+    marker_height_m: Number | dict[str, Number] | None = None
+
+    def metres(self) -> Float[np.ndarray, "mark 2"]:
+        """The marks on the bed [m]."""
+        return np.array([[m.x_m, m.y_m] for m in self.marks])
+
+    def pixels(self) -> Float[np.ndarray, "mark 2"]:
+        """The marks in the picture [px]."""
+        return np.array([[m.x_px, m.y_px] for m in self.marks])
+
+
+def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
+    """A Bed from a file, a list of marks or an object.  Raises TrackingError for what cannot fix the plane."""
+    if isinstance(bed, Bed):
+        return _checked(bed)
+    source = "the bed marks"
+    if isinstance(bed, str | Path):
+        source = str(bed)
+        try:
+            bed = json.loads(Path(bed).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise TrackingError(f"{source} cannot be read as JSON: {error}. Give the file of bed marks.") from error
+    try:
+        return _checked(Bed.model_validate(bed if isinstance(bed, Mapping) else {"marks": bed}))
+    except ValidationError as error:
+        found = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'bed'}: {e['msg']}" for e in error.errors()[:5])
+        raise TrackingError(
+            f'{source}: {found}. Each mark is {{"id": "A", "x_m": 0.1, "y_m": 0.2, "x_px": 640, "y_px": 360}}.'
+        ) from error
+
+
+def _checked(bed: Bed) -> Bed:
+    ids = [m.id for m in bed.marks]
+    if len(ids) < 4:
+        raise TrackingError(
+            f"{len(ids)} bed marks are given ({', '.join(ids) or 'none'}); four or more fix the bed. "
+            "Mark more known points, spread over the whole bed."
+        )
+    if repeated := sorted({i for i in ids if ids.count(i) > 1}):
+        raise TrackingError(f"Bed mark {', '.join(repeated)} is given twice; give each mark its own id.")
+    for points, where in ((bed.metres(), "on the bed"), (bed.pixels(), "in the picture")):
+        if not spans_a_plane(points):
+            raise TrackingError(
+                f"The {len(ids)} bed marks ({', '.join(ids)}) lie on a line {where}, or all but one do. "
+                "Add a mark off that line, so that four form a proper quadrilateral."
+            )
+    return bed
+
+
+def spans_a_plane(points: Float[np.ndarray, "mark 2"]) -> bool:
+    """Whether some four of the points have no three on a line, so that they fix a homography.
+
+    Equivalent: mapping the points to themselves leaves one null vector only; the next singular value must
+    stand clear of rounding and of clicks that are a pixel off (0.002, against 0.3 for a rectangle).
+    """
+    p = points - points.mean(0)
+    p = p / max(float(np.sqrt((p**2).sum(1).mean() / 2)), 1e-12)
+    one, none = np.ones((len(p), 1)), np.zeros((len(p), 3))
+    h = np.c_[p, one]
+    rows = np.concatenate([np.c_[h, none, -p[:, :1] * h], np.c_[none, h, -p[:, 1:] * h]])
+    values = np.linalg.svd(rows, compute_uv=False)
+    return len(values) >= 8 and bool(values[7] > 2e-3 * values[0])

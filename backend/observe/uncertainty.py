@@ -1,0 +1,73 @@
+"""How well each point is known, judged from the dot's own track.
+
+The noise that a single picture predicts is several times too small: compression, lighting and the pixel
+grid err too.  What a smooth motion cannot explain is noise, so differences along the track, in which
+slow motion cancels, measure it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+FLOOR_PX = 0.02  # a still dot repeats its error unseen: its error on the pixel grid is about this large
+UNMEASURED_PX = 0.1  # taken where a clip is too short to tell
+ENOUGH = 8
+ORDERS = (3, 5)  # the fifth cancels the fast swings that the third leaves in, and blurs impacts more
+
+
+def difference_noise(
+    times_s: Float[np.ndarray, "frame"], px: Float[np.ndarray, "frame 2"], order: int
+) -> Float[np.ndarray, "2 2"] | None:
+    """Covariance of white noise [px^2], from differences of the given order; None with too few points.
+
+    Divided differences, scaled to carry unit noise: they cancel a polynomial in time also where frames are
+    unevenly spaced.  Rows with NaN break the chain.  The 5% largest are impacts or blunders and are left out.
+    """
+    width = order + 1
+    if len(times_s) < width + ENOUGH:
+        return None
+    t = np.lib.stride_tricks.sliding_window_view(times_s, width)
+    p = np.lib.stride_tricks.sliding_window_view(px, width, axis=0)
+    t = (t - t.mean(1, keepdims=True)) / np.ptp(t, axis=1, keepdims=True)
+    apart = t[:, :, None] - t[:, None, :] + np.eye(width)
+    weight = 1 / apart.prod(2)
+    weight /= np.linalg.norm(weight, axis=1, keepdims=True)
+    rest = np.einsum("fw,fdw->fd", weight, p)
+    rest = rest[np.isfinite(rest).all(1)]
+    if len(rest) < ENOUGH:
+        return None
+    scale = np.maximum(1.4826 * np.median(np.abs(rest), axis=0), 1e-9)
+    size = np.hypot(*(rest / scale).T)
+    cut = np.quantile(size, 0.95)
+    kept = rest[size <= cut]
+    # A round normal cloud cut at 95% keeps this part of its variance (r^2 is exponential).
+    inner = 1 + 0.05 * math.log(0.05) / 0.95
+    return kept.T @ kept / len(kept) / inner
+
+
+def point_covariance(
+    times_s: Float[np.ndarray, "frame"],
+    px: Float[np.ndarray, "frame marker 2"],
+    single_px2: Float[np.ndarray, "frame marker 2 2"],
+    whole: Bool[np.ndarray, "frame marker"],
+) -> Float[np.ndarray, "frame marker 2 2"]:
+    """Covariance of every point [px^2]: its track's noise, more where a picture was noisier than usual.
+
+    px holds NaN where nothing was seen; single_px2 is what each picture predicts by itself; only `whole`
+    points are judged.
+    """
+    track = np.where(whole[..., None], px, np.nan)
+    noise: list[np.ndarray | None] = []
+    for m in range(px.shape[1]):
+        tried = [difference_noise(times_s, track[:, m], order) for order in ORDERS]
+        usable = [c for c in tried if c is not None]
+        noise.append(min(usable, key=lambda c: float(np.trace(c))) if usable else None)
+    measured = [c for c in noise if c is not None]
+    usual = np.mean(measured, axis=0) if measured else UNMEASURED_PX**2 * np.eye(2)
+    own = np.stack([usual if c is None else c for c in noise]) + FLOOR_PX**2 * np.eye(2)
+    size = np.trace(single_px2, axis1=2, axis2=3)
+    typical = np.nanmedian(np.where(whole, size, np.nan), axis=0) if whole.any(0).all() else np.nanmax(size) + 1
+    return own[None] * np.maximum(1.0, size / typical)[..., None, None]

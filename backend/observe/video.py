@@ -1,0 +1,179 @@
+"""A clip as a stream of frames, one in memory at a time, each with the time at which it was seen.
+
+Planes stay as the camera coded them: luma at full resolution for geometry, the two colour differences at
+half resolution for finding dots.  Rotation metadata is honoured, so pixels are those a viewer shows.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, cast
+
+import av
+import numpy as np
+from av.error import FFmpegError
+from av.video.frame import VideoFrame
+from jaxtyping import Float, UInt8
+
+from backend.observe.timestamps import check_times
+from backend.observe.tracking_error import TrackingError
+
+THREADS = min(4, os.cpu_count() or 1)  # each decoding thread holds a frame
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture: luma (h, w), colour differences cb and cr (h/2, w/2), time_s = PTS x time base."""
+
+    index: int
+    time_s: float
+    luma: UInt8[np.ndarray, "h w"]
+    cb: UInt8[np.ndarray, "h2 w2"]
+    cr: UInt8[np.ndarray, "h2 w2"]
+    source: VideoFrame
+    quarter_turns: int
+
+    def bgr(self, width: int | None = None) -> UInt8[np.ndarray, "h w 3"]:
+        """The picture in colour, upright, scaled to `width` pixels where given."""
+        picture = self.source
+        if width and width < self.luma.shape[1]:
+            scale = width / self.luma.shape[1]
+            picture = picture.reformat(round(picture.width * scale), round(picture.height * scale))
+        return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="bgr24"), self.quarter_turns))
+
+
+@dataclass(frozen=True)
+class Index:
+    """What the container says before a frame is decoded.
+
+    times_s: presentation times, in order [s].  promised: frames the header announces (0: it does not say).
+    missing_s: how much shorter the readable part is than the header says [s].
+    """
+
+    times_s: Float[np.ndarray, "frame"]
+    promised: int
+    missing_s: float
+    damaged: int
+
+    @property
+    def truncated(self) -> bool:
+        """Whether the file ends before the recording does."""
+        return self.damaged > 0 or self.missing_s > 1.5 * float(np.median(np.diff(self.times_s)))
+
+
+def read_index(path: str | Path) -> Index:
+    """Read every timestamp without decoding.  Raises TrackingError where there is no usable video stream."""
+    name = Path(path).name
+    if not Path(path).is_file():
+        raise TrackingError(f"There is no file {path}. Check the name, and the folder it was saved in.")
+    remedy = "Copy the recording from the camera again; if it plays nowhere, film it again."
+    if Path(path).stat().st_size == 0:
+        raise TrackingError(f"{name} is empty (0 bytes, 0 frames read). {remedy}")
+    stamps: list[int] = []
+    damaged = 0
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.video:
+                raise TrackingError(f"{name} has no picture in it (0 frames read). Give the film, not its sound.")
+            stream = container.streams.video[0]
+            base = stream.time_base or Fraction(1)
+            try:
+                for packet in container.demux(stream):
+                    if packet.size and not packet.is_discard:
+                        damaged += packet.is_corrupt
+                        if packet.pts is None:
+                            raise TrackingError(
+                                f"{name} carries no timestamps (frame {len(stamps)} has none). Send the file as "
+                                "the camera wrote it (mp4 or mov), not a raw stream cut out of it."
+                            )
+                        stamps.append(packet.pts)
+            except FFmpegError:  # the data ends in the middle of a frame
+                damaged += 1
+            promised, length = stream.frames, stream.duration
+            length_s = float(length * base) if length else float((container.duration or 0) / 1_000_000)
+    except FFmpegError as error:
+        raise TrackingError(
+            f"{name} cannot be opened as a video ({error.strerror}; 0 frames read). Either it is no video, or "
+            f"the recording broke off before its index was written. {remedy}"
+        ) from error
+    if len(stamps) < 2:
+        check_times(np.zeros(len(stamps)), name)
+        raise TrackingError(f"{name} holds {len(stamps)} frames; motion needs at least two. {remedy}")
+    times = np.sort(np.array(stamps, np.int64)) * float(base)
+    seen_s = times[-1] - times[0] + float(np.median(np.diff(times)))
+    return Index(times, promised, max(0.0, length_s - seen_s), int(damaged))
+
+
+class Video:
+    """A clip that was found readable, with a trustworthy clock.
+
+    Raises TrackingError for what is no video, for a clock that jumps, and for a file that ends too early
+    (it says how many frames could be read) unless `keep_truncated`: then the readable frames are served
+    and `warnings` says what is missing.
+    """
+
+    def __init__(self, path: str | Path, keep_truncated: bool = False):
+        self.path, self.name, self.warnings = Path(path), Path(path).name, list[str]()
+        index = read_index(path)
+        check_times(index.times_s, self.name)
+        self.frame_count, self.truncated = len(index.times_s), index.truncated
+        self.keep_truncated, self.promised = keep_truncated, index.promised
+        self.frames_per_s = 1 / float(np.median(np.diff(index.times_s)))
+        if index.truncated:
+            self._report(self.frame_count)
+
+    def _report(self, read: int) -> None:
+        """Refuse a file that ends too early, or note it."""
+        of = f" of {self.promised}" if self.promised else ""
+        found = f"{self.name} ends too early: {read}{of} frames could be read"
+        if not self.keep_truncated:
+            raise TrackingError(
+                f"{found}. Copy the recording from the camera again, or ask for the readable part to be kept."
+            )
+        self.warnings = [f"{found}; the rest is missing from the tracks."]
+
+    def __iter__(self) -> Iterator[Frame]:
+        read, last = 0, -np.inf
+        with av.open(str(self.path)) as container:
+            stream = container.streams.video[0]
+            stream.thread_type, stream.codec_context.thread_count = "AUTO", THREADS
+            pictures = container.decode(stream)
+            while True:
+                try:
+                    picture = next(pictures, None)
+                except FFmpegError:
+                    picture = None
+                if picture is None:
+                    break
+                if picture.pts is None or picture.is_corrupt or picture.time is None:
+                    continue
+                time_s = float(picture.pts * (picture.time_base or stream.time_base or Fraction(1)))
+                if time_s <= last:
+                    continue
+                last = time_s
+                yield upright(picture, read, time_s)
+                read += 1
+        if read < self.frame_count and not (self.truncated and self.keep_truncated):
+            # A few leading frames of a trimmed clip lean on pictures that were cut away; losing more is damage.
+            if read < self.frame_count - 16:
+                self._report(read)
+        elif self.truncated:
+            self._report(read)
+
+
+def upright(picture: VideoFrame, index: int, time_s: float) -> Frame:
+    """The planes of a decoded picture, turned as its metadata asks."""
+    if picture.rotation % 90:
+        raise TrackingError(f"The clip asks to be shown turned by {picture.rotation} degrees; use multiples of 90.")
+    turns = picture.rotation // 90 % 4
+    if picture.format.name not in ("yuv420p", "yuvj420p"):
+        picture = picture.reformat(format="yuv420p")
+    planes = []
+    for plane in picture.planes:
+        rows = np.frombuffer(cast(Any, plane), np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]
+        planes.append(np.ascontiguousarray(np.rot90(rows, turns)))
+    return Frame(index, time_s, planes[0], planes[1], planes[2], picture, turns)
