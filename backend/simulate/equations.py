@@ -31,7 +31,7 @@ class Motion(eqx.Module):
     xi: BodyRows
     """Increment of the step before."""
     xi_guess: BodyRows
-    """Where Newton's method starts: no derivative flows through it."""
+    """Where Newton's method starts."""
     q: Float[Array, "joints"]
     displacement: Float[Array, "joints"]
     """Of the joints' coordinates in the step before."""

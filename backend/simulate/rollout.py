@@ -61,7 +61,7 @@ def depart(system: System, start: Start, step_s: float | Array) -> Motion:
         pose=start.pose,
         momentum=instantaneous(system, start.velocity) - 0.5 * step_s * acting,
         xi=xi,
-        xi_guess=lax.stop_gradient(xi),
+        xi_guess=xi,
         q=q,
         displacement=moved,
         lengthening=lengthened,

@@ -75,20 +75,16 @@ def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
     solved = close(system, at, guess)
     unknowns = jax.tree.map(lax.stop_gradient, solved.unknowns)
 
-    def moving(system: System, at: Frame) -> Unknowns:
+    # The guess's own tangent is the first answer, so that only its small remainder goes through the stiff rows (1/ε):
+    # the whole would leave rounding of 1e-9 in ξ, which is 1e-6 in the velocity it stands for.
+    first = Unknowns(tangents[2].xi, jax.tree.map(jnp.zeros_like, unknowns.impulses))
+
+    def moving(system: System, at: Frame, unknowns: Unknowns) -> Unknowns:
         return equations(system, at, unknowns, _barrier(system, at))[0]
 
-    _, change = jax.jvp(moving, (system, at), tangents[:2])
+    _, change = jax.jvp(moving, (system, at, unknowns), (*tangents[:2], first))
     linearised = linearise(system, at, unknowns, ahead(system, at, unknowns.xi))
-    answer = direction(system, linearised, change)
-    # One refinement: the stiff rows (1/ε) leave rounding of 1e-9 in ξ, which is 1e-6 in the velocity it stands for.
-    _, left = jax.jvp(
-        lambda z: equations(system, at, z, _barrier(system, at))[0],
-        (unknowns,),
-        (jax.tree.map(jnp.negative, answer),),
-    )
-    refined = direction(system, linearised, jax.tree.map(jnp.subtract, change, left))
-    answer = jax.tree.map(jnp.add, answer, refined)
+    answer = jax.tree.map(jnp.add, first, direction(system, linearised, change))
     none = jnp.zeros((), dtype=jax.dtypes.float0)
     return solved, Solved(answer, none, jnp.zeros_like(solved.error))
 
@@ -108,7 +104,7 @@ def step(
         pose=pose,
         momentum=momentum(system, xi, step_s, -1.0),
         xi=xi,
-        xi_guess=lax.stop_gradient(2 * xi - motion.xi),
+        xi_guess=2 * xi - motion.xi,
         q=q,
         displacement=moved,
         lengthening=lengthening(system, at.strut_slope, xi),
@@ -125,7 +121,7 @@ def _guess(system: System, at: Frame, motion: Motion) -> Unknowns:
         open_by = 1e-3 * jnp.ones_like(slack)
         slack = jnp.maximum(slack, open_by)
         stop = jnp.maximum(stop, _barrier(system, at) / slack)
-    return lax.stop_gradient(Unknowns(xi, Impulses(motion.impulses.rows, stop, slack)))
+    return Unknowns(xi, lax.stop_gradient(Impulses(motion.impulses.rows, stop, slack)))
 
 
 def _barrier(system: System, at: Frame) -> Array:
