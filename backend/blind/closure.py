@@ -10,7 +10,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from backend.blind.drawn import Drawing
-from backend.blind.poses import COORDINATE, MET, Poses, cross_matrix, joint_frame, joint_rows, rotation_by, size_m
+from backend.blind.poses import (
+    COORDINATE,
+    MET,
+    Poses,
+    cross_matrix,
+    joint_frame,
+    joint_rows,
+    rotation_by,
+    size_m,
+)
 
 CLOSED = 1e-12  # of the mechanism's size: a few hundred roundings
 RANK = 1e-6  # of a unit row: rounding leaves 1e-13 on a redundant row, a true one is far above
@@ -63,7 +72,7 @@ def _solve(C: np.ndarray, c: np.ndarray, G: np.ndarray, g: np.ndarray) -> np.nda
 def assemble(drawing: Drawing, joint_positions: Mapping[str, float] | None = None) -> Poses:
     """Poses that meet every joint, near the drawn ones, with the named joints at their positions [rad or m].
 
-    Joints that are not named stay as near to the drawing as the loops let them.  ValueError if it cannot close.
+    Joints that are not named stay as near to the drawing as the loops let them.  ValueError if none closes.
     """
     poses = drawn_poses(drawing)
     scale, wanted = size_m(drawing), dict(joint_positions or {})
@@ -78,9 +87,9 @@ def assemble(drawing: Drawing, joint_positions: Mapping[str, float] | None = Non
             if _correct(drawing, poses, target, start) < CLOSED * 10:
                 break
         else:
+            asked = " with " + ", ".join(f"{id} = {value:g}" for id, value in wanted.items()) if wanted else ""
             raise ValueError(
-                f"the joints do not close within {_miss(drawing, poses):.3g} m"
-                f"{' at ' + ', '.join(f'{id} = {value:g}' for id, value in wanted.items()) if wanted else ''}; "
+                f"the joints stay open by {_miss(drawing, poses):.3g} m{asked}; "
                 "check the drawn poses and joint frames, or ask for positions that the loops allow"
             )
     return poses
@@ -139,14 +148,18 @@ def _check_names(drawing: Drawing, named: Mapping[str, float]) -> None:
 def set_in_motion(drawing: Drawing, poses: Poses, joint_velocities: Mapping[str, float] | None) -> None:
     """Give the bodies the velocities that the named joint rates [rad/s or m/s] ask for, in place.
 
-    Joints that are not named move as little as the loops let them.  ValueError where the rates contradict the loops.
+    Joints not named move as little as the loops let them.  ValueError where rates contradict the loops.
     """
     wanted = dict(joint_velocities or {})
     _check_names(drawing, wanted)
     if not any(wanted.values()):
         return
     scale, J = size_m(drawing), row_jacobian(drawing, poses)
-    C, c, G = [*constraint_jacobian(drawing, poses)], [0.0] * sum(len(MET[j.type]) for j in drawing.joints), []
+    C, c, G = (
+        [*constraint_jacobian(drawing, poses)],
+        [0.0] * sum(len(MET[j.type]) for j in drawing.joints),
+        [],
+    )
     for i, joint in enumerate(drawing.joints):
         if joint.id in wanted:
             C.append(J[i, COORDINATE[joint.type]])
@@ -166,7 +179,7 @@ def set_in_motion(drawing: Drawing, poses: Poses, joint_velocities: Mapping[str,
 
 
 def spanning_tree(drawing: Drawing) -> list[tuple[int, int, int]]:
-    """Joints of a breadth-first tree from the fixed bodies: (joint, parent body, child body), parents first."""
+    """Joints of a breadth-first tree from the fixed bodies: (joint, parent body, child body)."""
     return _forest(drawing)[0]
 
 
@@ -198,8 +211,8 @@ def _forest(drawing: Drawing) -> tuple[list[tuple[int, int, int]], list[int]]:
 def independent_rows(drawing: Drawing, poses: Poses) -> list[tuple[int, ...]]:
     """For each joint, the rows (0..5) that together hold all that the joints hold, and nothing twice.
 
-    A tree's rows are independent; a closing joint's rows are taken by pivoting until the rest follow from those
-    taken.  The rank is judged a little way along the mechanism's free motion too, because a toggle hides rows.
+    A tree's rows are independent; closing joints' rows are taken by pivoting until the rest follow.
+    The rank is judged a little way along the mechanism's free motion, because a toggle hides rows.
     """
     tree = {k for k, _, _ in spanning_tree(drawing)}
     J = constraint_jacobian(drawing, _nudged(drawing, poses))
@@ -222,8 +235,24 @@ def independent_rows(drawing: Drawing, poses: Poses) -> list[tuple[int, ...]]:
     return [tuple(k for k in MET[j.type] if (i, k) in kept) for i, j in enumerate(drawing.joints)]
 
 
+def row_margin(drawing: Drawing, poses: Poses, kept: list[tuple[int, ...]]) -> float:
+    """How well the kept rows stand for all of them: ratio of the smallest singular values, 1 at best.
+
+    It is 1, and stays so, where the rows left out only repeat what the kept rows hold squarely (a planar loop).
+    Below, as on Bennett's loop, the kept rows may lose rank on the way where the whole does not.
+    """
+    if all(held == MET[joint.type] for held, joint in zip(kept, drawing.joints, strict=True)):
+        return 1.0
+    near = _nudged(drawing, poses)
+    J = row_jacobian(drawing, near)
+    rows = [J[i, list(held)] for i, held in enumerate(kept)]
+    smallest = [np.linalg.svd(M, compute_uv=False) for M in (np.concatenate(rows), constraint_jacobian(drawing, near))]
+    rank = len(smallest[0])
+    return float(smallest[0][rank - 1] / smallest[1][rank - 1])
+
+
 def _nudged(drawing: Drawing, poses: Poses) -> Poses:
-    """A neighbouring pose that closes: along the free motions by a hundredth, or the same pose where there are none."""
+    """A neighbouring pose that closes, a hundredth along the free motions; the same where there are none."""
     C = constraint_jacobian(drawing, poses)
     Vt, s = np.linalg.svd(C)[2], np.linalg.svd(C, compute_uv=False)
     free = Vt[int((s > RANK * s.max(initial=1.0)).sum()) :]

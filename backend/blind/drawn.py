@@ -147,8 +147,8 @@ def read_drawing(mechanism: Any, inputs: Any = None, *, engine: str, kinds: froz
     for effect in document.get("effects", []):
         if effect["kind"] not in kinds:
             raise ValueError(
-                f'effect "{effect["id"]}": {engine} has no {effect["kind"]} here. Remove the effect, or use one of '
-                f"{', '.join(sorted(kinds))}"
+                f'effect "{effect["id"]}": {engine} has no {effect["kind"]} here. Remove the effect, or use '
+                f"one of {', '.join(sorted(kinds))}"
             )
         _add_effect(drawing, index, effect, held)
     if unknown := sorted({f"{effect}.{parameter}" for effect, parameter in held}):
@@ -282,5 +282,11 @@ def _add_to_joint(joint: DrawnJoint, effect: Mapping[str, Any], held: dict, driv
             joint.drives.append(drives.setdefault(name, _drive(effect, name, held)))
 
 
-JOINT_KINDS: Sequence[str] = ("viscous_friction", "coulomb_friction", "torsion_spring", "joint_stop", "effort_offset")
+JOINT_KINDS: Sequence[str] = (
+    "viscous_friction",
+    "coulomb_friction",
+    "torsion_spring",
+    "joint_stop",
+    "effort_offset",
+)
 BODY_KINDS: Sequence[str] = ("extension_spring", "applied_force", "applied_torque", "linear_drag", "air_drag")

@@ -1,8 +1,9 @@
 """MuJoCo as an independent peer: joint coordinates on a spanning tree, loops closed by stiff welds.
 
 E. Todorov, T. Erez, Y. Tassa, "MuJoCo: a physics engine for model-based control", IROS 2012.
-A loop is cut through a BODY, not through a joint: the body's mass is shared among its halves, which a weld holds
-together.  So every joint, the closing ones too, is a native MuJoCo joint with its own coordinate, friction and stops.
+A loop is cut through a BODY, not through a joint: the body's mass is shared among its halves, which a weld
+holds together.  So every joint, the closing ones too, is a native MuJoCo joint with its own coordinate,
+friction and stops.
 """
 
 from __future__ import annotations
@@ -14,9 +15,20 @@ import numpy as np
 
 from backend.blind.closure import assemble, roots, set_in_motion, spanning_tree
 from backend.blind.drawn import BODY_KINDS, JOINT_KINDS, Drawing, DrawnJoint, read_drawing
-from backend.blind.poses import COORDINATE, PeerMotion, Poses, joint_rates, joint_rows, peer_motion, quaternion, size_m
+from backend.blind.peer import peer
+from backend.blind.poses import (
+    COORDINATE,
+    PeerMotion,
+    Poses,
+    joint_rates,
+    joint_rows,
+    peer_motion,
+    quaternion,
+    size_m,
+)
 
 KINDS = frozenset((*JOINT_KINDS, *BODY_KINDS, "rotor_inertia"))
+STOP_DAMPING = 4.0  # times critical: MuJoCo's stops give back 14% of the speed at 1
 IMPEDANCE = 0.9999  # MuJoCo's largest; its default of 0.9 to 0.95 loses most of a loop's energy
 
 
@@ -36,12 +48,11 @@ def simulate_mujoco(
 
     mechanism: a Mechanism or its JSON document.  step_s: integrator step [s]; output_step_s: samples [s], a
     multiple of it.  inputs: columns time_s, effect, parameter, value (zero-order hold).
-    integrator: "RK4", "implicitfast" or "Euler".  weld_time_s: how fast a weld pulls an error back (solref's first
-    number), four steps if not given.
+    integrator: "RK4", "implicitfast" or "Euler".  weld_time_s: how fast a weld pulls an error back
+    (solref's first number), four steps if not given.
     Raises ValueError for an effect or joint it cannot imitate, RuntimeError when the motion is not finite.
     """
-    import mujoco
-
+    mujoco = peer("mujoco")
     drawing = read_drawing(mechanism, inputs, engine="MuJoCo", kinds=KINDS)
     start = assemble(drawing, initial_joint_positions)
     set_in_motion(drawing, start, initial_joint_velocities)
@@ -63,8 +74,7 @@ def simulate_mujoco(
 
 def _spec(drawing: Drawing, start: Poses, solref: tuple[float, float]) -> Any:
     """The mechanism as MuJoCo sees it, at its start pose."""
-    import mujoco
-
+    mujoco = peer("mujoco")
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.compiler.balanceinertia = False
@@ -140,8 +150,7 @@ def _give_mass(made: Any, drawing: Drawing, i: int, share: float) -> None:
 
 def _joint(made: Any, joint: DrawnJoint, child: int, start: Poses, solref: tuple, k: int) -> None:
     """A native joint whose coordinate is q less its value at the start."""
-    import mujoco
-
+    mujoco = peer("mujoco")
     if not joint.moves:
         return
     q = float(joint_rows(joint, start)[COORDINATE[joint.type]])
@@ -152,7 +161,8 @@ def _joint(made: Any, joint: DrawnJoint, child: int, start: Poses, solref: tuple
     native.damping = [joint.damping, 0, 0]
     native.frictionloss = joint.friction
     native.armature = joint.inertia
-    native.solref_friction = native.solref_limit = solref
+    native.solref_friction = solref
+    native.solref_limit = (solref[0], STOP_DAMPING)
     native.solimp_friction = native.solimp_limit = (IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0)
     if joint.stiffness:
         native.stiffness = [joint.stiffness, 0, 0]
@@ -169,29 +179,21 @@ def _set_rates(drawing: Drawing, start: Poses, model: Any, data: Any) -> None:
 
 
 def _dof(model: Any, k: int) -> int | None:
-    import mujoco
-
+    mujoco = peer("mujoco")
     native = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"joint:{k}")
     return int(model.jnt_dofadr[native]) if native >= 0 else None
 
 
 def _record(drawing: Drawing, start: Poses, model: Any, data: Any, samples: int, every: int) -> Poses:
-    """Step and sample.  MuJoCo's poses lag its coordinates by a step, so kinematics run again before a sample."""
-    import mujoco
-
-    n = len(drawing.bodies)
-    still = (np.broadcast_to(a, (samples, *a.shape)).copy() for a in (start.p_WB, start.R_WB))
-    poses = Poses(*still, np.zeros((samples, n, 3)), np.zeros((samples, n, 3)))
+    """Step and sample.  MuJoCo's poses lag its coordinates by a step, so kinematics run before a sample."""
+    mujoco = peer("mujoco")
+    poses = start.held(samples)
     ids = {i: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"body:{i}") for i in drawing.moving}
-    push = _Loads(drawing, start, model, ids)
+    loads = _Loads(drawing, start, model, ids)
     twist = np.zeros(6)
     for t in range(samples):
-        if t and push.silent:
-            mujoco.mj_step(model, data, nstep=every)
-        elif t:
-            for _ in range(every):
-                push.apply(data)
-                mujoco.mj_step(model, data)
+        if t:
+            loads.advance(data, every)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
@@ -203,35 +205,44 @@ def _record(drawing: Drawing, start: Poses, model: Any, data: Any, samples: int,
 
 
 class _Loads:
-    """What MuJoCo has no native element for, held over each step: drives, drags."""
+    """What MuJoCo has no native element for: drives, pushes, drags."""
 
     def __init__(self, drawing: Drawing, start: Poses, model: Any, ids: Mapping[int, int]):
         self.drawing, self.start, self.model, self.ids = drawing, start, model, ids
         self.driven = [(joint, _dof(model, k)) for k, joint in enumerate(drawing.joints) if joint.drives]
         # A preload without stiffness does not occur: both come from torsion springs.
+        self.now = 0.0
         self.silent = not (self.driven or drawing.pushes or drawing.drags)
 
-    def apply(self, data: Any) -> None:
-        """Set qfrc_applied for the coming step."""
-        import mujoco
+    def advance(self, data: Any, steps: int) -> None:
+        """Step; drives hold their value over a step, and forces follow the motion at each of its stages."""
+        mujoco = peer("mujoco")
+        if self.silent:
+            mujoco.mj_step(self.model, data, nstep=steps)
+            return
+        mujoco.set_mjcb_passive(self._apply)
+        try:
+            for _ in range(steps):
+                self.now = data.time
+                mujoco.mj_step(self.model, data)
+        finally:
+            mujoco.set_mjcb_passive(None)
 
-        mujoco.mj_kinematics(self.model, data)
-        mujoco.mj_comPos(self.model, data)
-        data.qfrc_applied[:] = 0.0
+    def _apply(self, model: Any, data: Any) -> None:
+        """MuJoCo asks for passive forces with kinematics and velocities at hand."""
+        mujoco = peer("mujoco")
         for joint, dof in self.driven:
             if dof is not None:
-                data.qfrc_applied[dof] += joint.drive(data.time)
+                data.qfrc_passive[dof] += joint.drive(self.now)
         for push in self.drawing.pushes:
-            load = push.size(data.time) * push.direction
+            load = push.size(self.now) * push.direction
             force, torque = (np.zeros(3), load) if push.torque else (load, np.zeros(3))
             point = self._point(data, push.a, push.p_A)
             self._add(data, push.a, force, torque, point)
             self._add(data, push.b, -force, -torque, point)
-        if self.drawing.drags:
-            mujoco.mj_comVel(self.model, data)
         for drag in self.drawing.drags:
             if drag.body in self.ids:
-                v, twist, id = np.zeros(3), np.zeros(6), self.ids[drag.body]
+                twist, id = np.zeros(6), self.ids[drag.body]
                 mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_BODY, id, twist, 0)
                 v = twist[3:]  # mjOBJ_BODY is centred at the centre of mass
                 force = -(drag.linear + drag.quadratic * float(np.linalg.norm(v))) * v
@@ -244,7 +255,6 @@ class _Loads:
         return data.xpos[id] + data.xmat[id].reshape(3, 3) @ p
 
     def _add(self, data: Any, i: int, force: np.ndarray, torque: np.ndarray, point: np.ndarray) -> None:
-        import mujoco
-
+        mujoco = peer("mujoco")
         if i in self.ids:
-            mujoco.mj_applyFT(self.model, data, force, torque, point, self.ids[i], data.qfrc_applied)
+            mujoco.mj_applyFT(self.model, data, force, torque, point, self.ids[i], data.qfrc_passive)

@@ -51,6 +51,11 @@ class Poses:
     v_WB: np.ndarray
     w_WB_B: np.ndarray
 
+    def held(self, samples: int) -> Poses:
+        """These poses `samples` times over, at rest, to be written into."""
+        p, R = (np.broadcast_to(a, (samples, *a.shape)).copy() for a in (self.p_WB, self.R_WB))
+        return Poses(p, R, np.zeros_like(p), np.zeros_like(p))
+
 
 def rotation_matrix(quaternion_wxyz: np.ndarray) -> np.ndarray:
     """(..., 3, 3) from (..., 4); the quaternion is normalised first."""
@@ -115,7 +120,7 @@ def joint_rows(joint: DrawnJoint, poses: Poses) -> np.ndarray:
 
 def joint_rates(joint: DrawnJoint, poses: Poses) -> np.ndarray:
     """(..., 6): velocity of frame_b's origin along frame_a [m/s], and relative angular velocity [rad/s]."""
-    p_WA, R_WA = joint_frame(poses, joint.a, joint.p_AF, joint.R_AF)
+    _, R_WA = joint_frame(poses, joint.a, joint.p_AF, joint.R_AF)
     p_WB, _ = joint_frame(poses, joint.b, joint.p_BF, joint.R_BF)
     spin = (poses.R_WB @ poses.w_WB_B[..., None])[..., 0]
     w_a, w_b = spin[..., joint.a, :], spin[..., joint.b, :]
@@ -144,7 +149,9 @@ def _unwrapped(turn: np.ndarray, rate: np.ndarray, time_s: np.ndarray) -> np.nda
     return turn + 2 * np.pi * np.concatenate([[0.0], np.cumsum(jumps)])
 
 
-def peer_motion(engine: str, version: str, step_s: float, drawing: Drawing, time_s: np.ndarray, poses: Poses) -> PeerMotion:
+def peer_motion(
+    engine: str, version: str, step_s: float, drawing: Drawing, time_s: np.ndarray, poses: Poses
+) -> PeerMotion:
     """Everything that follows from the poses, computed alike for each engine."""
     q, qd, error, scale = {}, {}, np.zeros(len(time_s)), size_m(drawing)
     for joint in drawing.joints:
@@ -176,7 +183,7 @@ def peer_motion(engine: str, version: str, step_s: float, drawing: Drawing, time
 
 
 def energies(drawing: Drawing, poses: Poses, q: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Kinetic and potential energy (T,) [J]; the potential of gravity (0 at W's origin), struts and torsion springs."""
+    """Kinetic and potential energy (T,) [J]; the latter of gravity, struts and torsion springs."""
     kinetic, potential = np.zeros(len(poses.p_WB)), np.zeros(len(poses.p_WB))
     for i in drawing.moving:
         body, R, w = drawing.bodies[i], poses.R_WB[:, i], poses.w_WB_B[:, i]

@@ -34,7 +34,7 @@ def body(id, p, q, mass, com, moments):
 
 
 def bar(id, start, end, mass=None, width=0.01):
-    """A flat bar in the xy plane; its frame is at `start`, x towards `end`, so that its centre is off the frame."""
+    """A flat bar in the xy plane; its frame at `start`, x towards `end`, its centre of mass elsewhere."""
     d = np.subtract(end, start)
     length = float(np.linalg.norm(d))
     mass = 0.3 * length if mass is None else mass
@@ -87,9 +87,7 @@ def pendulum(angle=0.0, length=0.2, mass=0.1, effects=()):
 
 def double_pendulum():
     upper, lower = bar("upper", (0.0, 0.0), (0.2, 0.0), 0.1), bar("lower", (0.2, 0.0), (0.4, 0.0), 0.1)
-    return mechanism(
-        [upper, lower], [joint("j1", GROUND, upper, (0, 0, 0)), joint("j2", upper, lower, (0.2, 0, 0))]
-    )
+    return mechanism([upper, lower], [joint("j1", GROUND, upper, (0, 0, 0)), joint("j2", upper, lower, (0.2, 0, 0))])
 
 
 def fourbar(effects=()):
@@ -123,7 +121,7 @@ def slider_crank(crank_m=0.05, rod_m=0.15, angle=1.0, effects=()):
     )
 
 
-def scissor(cells, stiffness=50.0, effects=(), gravity=(0.0, 0.0, -9.81)):
+def scissor(cells, stiffness=200.0, effects=(), gravity=(0.0, 0.0, -9.81)):
     """Cells of two crossed 0.2 m bars along x, opened by a spring in the first; gravity along the pins."""
     half, angle = 0.1, 0.6
     c, s = half * np.cos(angle), half * np.sin(angle)
@@ -153,3 +151,37 @@ def scissor(cells, stiffness=50.0, effects=(), gravity=(0.0, 0.0, -9.81)):
 def sliding_mass(speed_axis=SLIDE_X, effects=(), gravity=(0.0, 0.0, -9.81)):
     mass = body("mass", (0, 0, 0), (1.0, 0.0, 0.0, 0.0), 0.5, (0.01, 0.0, 0.0), (1e-4, 1e-4, 1e-4))
     return mechanism([mass], [joint("slide", GROUND, mass, (0, 0, 0), speed_axis, "prismatic")], effects, (), gravity)
+
+
+def bennett(a=0.2, alpha=0.6, b=0.15, turn=1.0):
+    """Bennett's 4R: opposite links equal, a / sin α = b / sin β; every axis points elsewhere."""
+    beta = np.arcsin(b * np.sin(alpha) / a)
+
+    def link(theta, length, twist):
+        """Denavit and Hartenberg's link (1955)."""
+        ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(twist), np.sin(twist)
+        rows = [[ct, -st * ca, st * sa, length * ct], [st, ct * ca, -ct * sa, length * st], [0, sa, ca, 0]]
+        return np.array([*rows, [0, 0, 0, 1]])
+
+    ratio = np.sin((beta + alpha) / 2) / np.sin((beta - alpha) / 2)
+    other = 2 * np.arctan(ratio / np.tan(turn / 2))
+    chain = [np.eye(4)]
+    for theta, length, twist in ((turn, a, alpha), (other, b, beta), (-turn, a, alpha), (-other, b, beta)):
+        chain.append(chain[-1] @ link(theta, length, twist))
+    if not np.allclose(chain[4], np.eye(4), atol=1e-12):
+        raise ValueError("these numbers close no Bennett linkage")
+    corners, axes = [T[:3, 3] for T in chain[:4]], [T[:3, 2] for T in chain[:4]]
+    links = []
+    for k in range(3):
+        mass = 0.3 * float(np.linalg.norm(corners[k + 1] - corners[k]))
+        centre = 0.5 * (corners[k] + corners[k + 1])
+        links.append(body(f"link{k}", corners[k], (1.0, 0, 0, 0), mass, centre - corners[k], (2e-5, 3e-5, 4e-5)))
+    parts = [GROUND, *links, GROUND]
+    joints = [joint(f"j{k}", parts[k], parts[k + 1], corners[k], towards(axes[k])) for k in range(4)]
+    return mechanism(links, joints)
+
+
+def towards(axis):
+    """The rotation that brings z to `axis`."""
+    w = np.array([1.0 + axis[2], -axis[1], axis[0], 0.0])
+    return w / np.linalg.norm(w)
