@@ -11,14 +11,18 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, Protocol
 
 import typer
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
-Advance = Callable[[float, str], None]
-"""Tell how far the work is: a fraction of the whole in [0, 1], and a few words on what is being done."""
+
+class Advance(Protocol):
+    """Tell how far the work is: a part of the whole, from 0 to 1, and a few words on what is being done."""
+
+    def __call__(self, part: float, words: str = "") -> None: ...  # noqa: D102
+
 
 app = typer.Typer(
     name="linktwin",
@@ -32,9 +36,7 @@ app = typer.Typer(
 
 Out = Annotated[Path | None, typer.Option(help="Folder for what the command writes.", file_okay=False)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the report alone, as JSON.")]
-MechanismFile = Annotated[
-    Path, typer.Argument(help="mechanism.json: what was drawn.", exists=True, dir_okay=False)
-]
+MechanismFile = Annotated[Path, typer.Argument(help="mechanism.json: what was drawn.", exists=True, dir_okay=False)]
 
 
 class Failed(Exception):
@@ -87,17 +89,108 @@ def check(mechanism: MechanismFile, out: Out = None, as_json: AsJson = False) ->
         raise typer.Exit(BAD_INPUT)
 
 
-def _settings(pairs: list[str]) -> dict[str, Any]:
-    """`cells=23` -> {"cells": 23}; numbers, true and false become values, all else stays text."""
-    chosen: dict[str, Any] = {}
+@app.command()
+def simulate(
+    mechanism: MechanismFile,
+    duration_s: Annotated[float, typer.Option("--duration", metavar="S", min=0.0, help="How long [s].")] = 1.0,
+    step_s: Annotated[float, typer.Option("--step", metavar="S", min=0.0, help="Time step [s].")] = 1e-3,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Let the drawing go from rest and write its motion: run.h5 and a page of plots."""
+    with _answering(as_json) as answer:
+        from backend.mechanism.read import read_mechanism
+        from backend.report.run_summary import simulation_evidence, summary_json, summary_text
+        from backend.report.simulation_page import write_simulation_page
+
+        drawn = read_mechanism(mechanism)
+        with _progress("simulating") as advance:
+            from backend.simulate.run import simulate as run_drawing
+            from backend.simulate.write import write_run
+
+            run = run_drawing(drawn, duration_s, step_s, progress=_counting(advance))
+        folder = out or Path("out") / drawn.name
+        motion = write_run(run, folder / "run.h5")
+        page = write_simulation_page(simulation_evidence(drawn, run), folder / "simulation.html")
+        files = {"motion": str(motion), "page": str(page)}
+        answer({**summary_json(run), "files": files}, f"{summary_text(run)}\nwrote       {motion}\nopen        {page}")
+        if not run.done:
+            raise Failed(run.result)
+
+
+@app.command()
+def track(
+    video: Annotated[Path, typer.Argument(help="The clip.", exists=True, dir_okay=False)],
+    mechanism: Annotated[Path, typer.Option(help="mechanism.json: names the markers.", exists=True, dir_okay=False)],
+    bed: Annotated[
+        Path, typer.Option(help="JSON: marks on the bed, in metres and pixels.", exists=True, dir_okay=False)
+    ],
+    clicks: Annotated[
+        Path | None, typer.Option(help="JSON: marker to pixel in the first frame.", exists=True, dir_okay=False)
+    ] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure where the markers went in a clip: tracks.csv and an annotated preview."""
+    with _answering(as_json) as answer:
+        from backend.mechanism.read import read_mechanism
+        from backend.report.track_summary import track_text
+
+        drawn = read_mechanism(mechanism)
+        with _progress("opening the clip") as advance:
+            from backend.observe.measure import track_video
+
+            folder = out or Path("out") / video.stem
+            result = track_video(video, drawn, bed, out_dir=folder, clicks=clicks, progress=_counting(advance))
+        files = {"tracks": str(result.tracks_path), "preview": str(result.preview_path)}
+        written = f"wrote     {result.tracks_path}\nopen      {result.preview_path}"
+        answer({**result.summary, "files": files}, f"{track_text(result.summary)}\n{written}")
+
+
+@app.command()
+def fit(
+    study: Annotated[
+        Path, typer.Argument(help="study.json: a mechanism and its experiments.", exists=True, dir_okay=False)
+    ],
+    free: Annotated[
+        list[str],
+        typer.Option(metavar="KIND:ON[.PARAMETER]", help="What to fit; repeatable or comma separated; * is every one."),
+    ],
+    optimiser: Annotated[
+        Literal["lm", "lbfgsb"], typer.Option(help="Levenberg-Marquardt, or L-BFGS-B to compare.")
+    ] = "lm",
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fit what the drawing leaves open to what was measured: fit.json and a page."""
+    specs = [spec.strip() for given in free for spec in given.split(",") if spec.strip()]
+    with _answering(as_json) as answer:
+        from backend.mechanism.read import read_study
+        from backend.report.fit_page import write_fit_page
+        from backend.report.fit_summary import fit_evidence, fit_text
+
+        loaded = read_study(study)
+        with _progress("reading the study") as advance:
+            from backend.fit.fit_study import fit_study
+
+            result = fit_study(loaded, specs, optimiser=optimiser, progress=advance)
+        folder = out or Path("out") / loaded.mechanism.name
+        written = result.write(folder)
+        page = write_fit_page(fit_evidence(loaded, result), folder / "fit.html")
+        text = f"{fit_text(result.report)}\nwrote     {written}\nopen      {page}"
+        answer(result.report.model_dump(mode="json"), text)
+        if not result.report.converged:
+            raise Failed(f"the fit did not converge: {result.report.message}")
+
+
+def _settings(pairs: list[str]) -> dict[str, str]:
+    """`cells=23` -> {"cells": "23"}; the script's own declarations say what type each has."""
+    chosen: dict[str, str] = {}
     for pair in pairs:
         name, equals, text = pair.partition("=")
         if not (equals and name.isidentifier()):
             raise typer.BadParameter(f"{pair!r} is not NAME=VALUE, such as cells=23", param_hint="--set")
-        try:
-            chosen[name] = json.loads(text)
-        except json.JSONDecodeError:
-            chosen[name] = text
+        chosen[name] = text
     return chosen
 
 
@@ -138,16 +231,13 @@ def _progress(what: str) -> Iterator[Advance]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f}%"),
-        TimeElapsedColumn(),
-    )
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=1.0)
-        yield lambda fraction, doing="": bar.update(
-            task, completed=fraction, description=f"{what}: {doing}" if doing else what
-        )
+        task = bar.add_task(what, total=None)
+        yield lambda part, words="": bar.update(task, completed=part, total=1.0, description=words or what)
+
+
+def _counting(advance: Advance) -> Callable[[int, int], None]:
+    """The same progress, told as so many of so many."""
+    return lambda done, total: advance(done / max(total, 1))

@@ -15,7 +15,7 @@ from backend.report.quantity import shown
 from backend.report.svg import element, joined, path
 
 WIDTH, HEIGHT = 520, 250
-LEFT, RIGHT, TOP, BOTTOM = 58, 10, 12, 40
+LEFT, RIGHT, TOP, BOTTOM = 66, 10, 12, 40
 COLUMNS = WIDTH - LEFT - RIGHT
 
 Style = Literal["line", "dashed", "points"]
@@ -23,13 +23,17 @@ Style = Literal["line", "dashed", "points"]
 
 @dataclass(frozen=True)
 class Series:
-    """One curve. tone: which colour of the page (`measured`, `before`, `after`, or `c0` to `c7`)."""
+    """One curve. tone: which colour of the page (`measured`, `before`, `after`, or `c0` to `c7`).
+
+    framed: whether the axes make room for all of it; a drawing without friction may run far off the paper.
+    """
 
     name: str
     x: Float[np.ndarray, "n"]
     y: Float[np.ndarray, "n"]
     tone: str = "c0"
     style: Style = "line"
+    framed: bool = True
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,6 @@ class Chart:
     bands: Sequence[Band] = ()
     marks: Sequence[tuple[float, str]] = ()
     log_y: bool = False
-    equal: bool = False
     note: str = ""
 
     def svg(self) -> Markup:
@@ -62,9 +65,11 @@ class Chart:
         drawing = element(
             "svg",
             axes.drawn(self.x_label, self.y_label),
-            *(_mark(axes, x, meaning) for x, meaning in self.marks),
-            *(_band(axes, band) for band in self.bands),
-            *(_curve(axes, series) for series in self.series),
+            _inside(
+                *(_mark(axes, x, meaning) for x, meaning in self.marks),
+                *(_band(axes, band) for band in self.bands),
+                *(_curve(axes, series) for series in self.series),
+            ),
             class_="chart",
             viewBox=f"0 0 {WIDTH} {HEIGHT}",
             role="img",
@@ -90,15 +95,15 @@ class _Axes:
 
     @classmethod
     def around(cls, chart: Chart) -> _Axes:
-        xs = [s.x for s in chart.series] + [b.x for b in chart.bands]
-        ys = [s.y for s in chart.series] + [edge for b in chart.bands for edge in (b.lower, b.upper)]
+        framed = [s for s in chart.series if s.framed] or chart.series
+        xs = [s.x for s in framed] + [b.x for b in chart.bands]
+        ys = [s.y for s in framed] + [edge for b in chart.bands for edge in (b.lower, b.upper)]
         x0, x1 = _range(xs)
         if chart.log_y:
             y0, y1 = _range([np.log10(y[y > 0]) for y in ys], margin=0.06)
         else:
             y0, y1 = _range(ys, margin=0.06)
-        if chart.equal:
-            x0, x1, y0, y1 = _equalised(x0, x1, y0, y1)
+            y0, y1 = _widened(y0, y1, [s.y for s in chart.series if not s.framed])
         return cls(x0, x1, y0, y1, chart.log_y)
 
     def px(self, x: np.ndarray | float) -> np.ndarray:
@@ -174,6 +179,13 @@ def thinned(
     return x[kept], y[kept]
 
 
+def _inside(*drawn: Markup) -> Markup:
+    """What is drawn, cut off at the axes: a nested svg shows nothing outside its own box."""
+    box = (LEFT, TOP, COLUMNS, HEIGHT - TOP - BOTTOM)
+    shown_box = " ".join(map(str, box))
+    return element("svg", *drawn, x=box[0], y=box[1], width=box[2], height=box[3], viewBox=shown_box, class_="inside")
+
+
 def _curve(axes: _Axes, series: Series) -> Markup:
     if series.style == "points":
         keep = slice(None, None, math.ceil(len(series.x) / COLUMNS) or 1)
@@ -217,8 +229,7 @@ def _range(arrays: Sequence[np.ndarray], margin: float = 0.0) -> tuple[float, fl
     return low - margin * (high - low), high + margin * (high - low)
 
 
-def _equalised(x0: float, x1: float, y0: float, y1: float) -> tuple[float, float, float, float]:
-    per_pixel = max((x1 - x0) / COLUMNS, (y1 - y0) / (HEIGHT - TOP - BOTTOM)) * 1.05
-    half_x, half_y = per_pixel * COLUMNS / 2, per_pixel * (HEIGHT - TOP - BOTTOM) / 2
-    x, y = (x0 + x1) / 2, (y0 + y1) / 2
-    return x - half_x, x + half_x, y - half_y, y + half_y
+def _widened(low: float, high: float, others: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Room for curves that need not fit, up to as much again on either side."""
+    below, above = _range([np.append(y, [low, high]) for y in others]) if others else (low, high)
+    return max(below, low - (high - low)), min(above, high + (high - low))

@@ -22,7 +22,7 @@ def write_demo_page(evidence: DemoEvidence, path: str | Path) -> Path:
         "demo.html",
         path,
         title=fit.title,
-        headline="A linkage was drawn, filmed and fitted; the fitted twin was then asked about a load it had never seen.",
+        headline="A linkage was drawn, filmed and fitted. Then the twin was asked about a load it had never seen.",
         key_figures=[
             (f"{shown(before)} {unit}", "error of the drawing on the unseen load"),
             (f"{shown(after)} {unit}", "error of the fitted twin on it"),
@@ -80,7 +80,10 @@ def _drawn(mechanism: Mechanism) -> str:
     effects = ", ".join(sorted({effect.kind.replace("_", " ") for effect in mechanism.effects}))
     tool = mechanism.provenance.tool if mechanism.provenance and mechanism.provenance.tool else "CAD"
     holds = f"and already holds {effects}" if effects else "and holds no friction, spring or drag"
-    return f"“{mechanism.name}”, drawn in {tool}: {moving} moving parts on {len(mechanism.joints)} joints. The drawing knows shapes and masses {holds}."
+    return (
+        f"“{mechanism.name}”, drawn in {tool}: {moving} moving parts on {len(mechanism.joints)} joints. "
+        f"The drawing knows shapes and masses {holds}."
+    )
 
 
 def _parts(mechanism: Mechanism) -> list[dict]:
@@ -97,6 +100,7 @@ def _parts(mechanism: Mechanism) -> list[dict]:
 def _seen(evidence: DemoEvidence) -> str:
     tracks = {(c.experiment, c.at) for c in evidence.fit.channels}
     return (
-        f"{evidence.frames} frames at {shown(evidence.frames_per_s)} frames per second. The tracker found the dots in each "
-        f"frame and turned them into metres with the marks on the bed: {len(tracks)} tracks, each point with its own uncertainty."
+        f"{evidence.frames} frames at {shown(evidence.frames_per_s)} frames per second. The tracker found the dots "
+        f"in each frame and turned them into metres with the marks on the bed: {len(tracks)} tracks, each point "
+        "with its own uncertainty."
     )

@@ -81,7 +81,7 @@ def overlaid(channel: Channel) -> Chart:
     unit, factor = at_the_bench(channel.unit)
     series = [Series("measured", channel.time_s, factor * channel.measured, "measured", "points")]
     if channel.before is not None:
-        series.append(Series("before", channel.time_s, factor * channel.before, "before", "dashed"))
+        series.append(Series("before", channel.time_s, factor * channel.before, "before", "dashed", framed=False))
     series.append(Series("after", channel.time_s, factor * channel.after, "after"))
     return Chart(_named(channel), "time [s]", f"{channel.component} [{unit}]", series, marks=_release(channel))
 

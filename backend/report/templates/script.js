@@ -31,6 +31,7 @@ for (const figure of document.querySelectorAll("figure.playback")) {
   const xs = all.map((p) => p[0]), ys = all.map((p) => p[1]);
   const low = (a) => a.reduce((m, v) => Math.min(m, v), Infinity), high = (a) => a.reduce((m, v) => Math.max(m, v), -Infinity);
   const [x0, x1, y0, y1] = [low(xs), high(xs), low(ys), high(ys)];
+  canvas.height = Math.min(640, Math.max(260, (y1 - y0) / Math.max(x1 - x0, 1) * (canvas.width - 120) + 130));
   const scale = Math.min((canvas.width - 120) / Math.max(x1 - x0, 1), (canvas.height - 90) / Math.max(y1 - y0, 1));
   const place = ([x, y]) => [canvas.width / 2 + (x - (x0 + x1) / 2) * scale, canvas.height / 2 - (y - (y0 + y1) / 2) * scale];
   const ink = (name) => getComputedStyle(figure).getPropertyValue("--" + name);
@@ -64,12 +65,23 @@ for (const figure of document.querySelectorAll("figure.playback")) {
     pen.beginPath(); pen.moveTo(24, canvas.height - 20); pen.lineTo(24 + mm * scale, canvas.height - 20); pen.stroke();
     pen.fillText(`${mm >= 1 ? mm : mm.toPrecision(1)} mm`, 24, canvas.height - 30);
   }
+  const few = motion.after.length <= 8, count = motion.time_s.length;
+  function trace(frames) {  // where each point of a body goes: a coupler curve says more than a pose
+    pen.strokeStyle = ink("after"); pen.lineWidth = 1.5; pen.globalAlpha = 0.35;
+    frames[0].forEach((_, k) => {
+      pen.beginPath(); frames.forEach((points, j) => j ? pen.lineTo(...place(points[k])) : pen.moveTo(...place(points[k]))); pen.stroke();
+    });
+    pen.globalAlpha = 1;
+  }
   function draw() {
     const i = Number(slider.value);
     pen.clearRect(0, 0, canvas.width, canvas.height);
+    if (few) motion.after.forEach(trace);
+    const ghosts = few ? 5 : 0;  // a few poses of the whole motion, so that paper shows it too
+    for (let g = 0; g < ghosts; g++) motion.after.forEach((frames) => body(frames[Math.round(g * (count - 1) / (ghosts - 1))], ink("soft"), 3, 0.16));
     motion.held.forEach(ground);
     motion.before.forEach((frames) => body(frames[i], ink("before"), 4, 0.65));
-    motion.after.forEach((frames) => body(frames[i], ink("after"), motion.after.length > 12 ? 4 : 8, 0.85));
+    motion.after.forEach((frames) => body(frames[i], ink("after"), few ? 8 : 4, 0.85));
     motion.after.forEach((frames) => frames[i].forEach((p) => dot(p, 4, ink("panel"), ink("after"))));
     motion.held.forEach((p) => dot(p, 6, ink("panel"), ink("soft")));
     motion.seen.forEach((frames) => frames[i] && dot(frames[i], 6, ink("measured"), ink("panel")));
@@ -77,7 +89,6 @@ for (const figure of document.querySelectorAll("figure.playback")) {
     output.textContent = `${motion.time_s[i].toFixed(3)} s`;
   }
   let started = null;
-  const count = motion.time_s.length;
   function frame(now) {
     if (started === null) return;
     slider.value = Math.floor((now - started) / 4000 * count) % count;

@@ -1,0 +1,41 @@
+"""The motion behind a fit: all bodies, where the fit itself kept only what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from backend.fit.prediction import with_values
+from backend.model.system import system
+from backend.report.evidence import Motion
+from backend.simulate.assemble import start
+from backend.simulate.rollout import rollout
+from backend.simulate.run import as_run
+
+if TYPE_CHECKING:
+    from backend.fit.result import FitResult
+
+
+def fitted_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motion:
+    """Poses of the moving bodies in the index-th fitted experiment, at the fitted values; time as in its data."""
+    run, residuals, x = result.residuals.runs[index], result.residuals, result.solution.x
+    setting, _ = run.setting()
+    own = residuals.own(x, index)
+    rates = own[run.mobility :] if run.moving else np.zeros(run.mobility)
+    model = with_values(setting.model, run.addresses, jnp.asarray(x[: len(residuals.parameters)]))
+    plant = system(model)
+    begin = start(
+        plant, setting.reference, np.asarray(setting.motions), jnp.asarray(own[: run.mobility]), jnp.asarray(rates)
+    )
+    path = eqx.filter_jit(rollout)(plant, begin, run.step_s, setting.steps, setting.record)
+    played = as_run(run.experiment.id, model, plant, path, run.step_s)
+    kept = played.time_s <= run.duration_s
+    return Motion(
+        played.time_s[kept] + run.data.release_s,
+        {body: played.position_m[body][kept] for body in moving},
+        {body: played.quaternion_wxyz[body][kept] for body in moving},
+    )

@@ -1,0 +1,104 @@
+"""A fit in a screenful, and as evidence for its page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from backend.mechanism.fit_report import FitReport
+from backend.mechanism.study import Study
+from backend.report.evidence import Channel, FitEvidence, Overlay
+from backend.report.fit_page import cautions, headline, pooled
+from backend.report.quantity import at_the_bench, measured, shown
+
+if TYPE_CHECKING:
+    from backend.fit.result import FitResult
+
+MOST_OVERLAYS = 2
+
+
+def fit_evidence(study: Study, result: FitResult) -> FitEvidence:
+    """A finished fit as its page wants it; the first fitted experiments can be played back."""
+    return FitEvidence(
+        title=study.mechanism.name,
+        mechanism=study.mechanism,
+        report=result.report,
+        channels=channels(result),
+        overlays=overlays(study, result),
+    )
+
+
+def channels(result: FitResult) -> tuple[Channel, ...]:
+    """Every measured coordinate of a fit; one that was never measured (a planar marker's height) is left out."""
+    made = []
+    for overlay in result.overlays:
+        for k, name in enumerate(overlay.coordinates):
+            seen = np.isfinite(overlay.measured[:, k])
+            if not seen.any():
+                continue
+            sigma = float(np.sqrt(np.nanmean(overlay.sigma[seen, k] ** 2)))
+            made.append(
+                Channel(
+                    experiment=overlay.experiment,
+                    use="held_out" if overlay.use == "held_out" else "fit",
+                    at=overlay.at,
+                    component=name.removesuffix("_m"),
+                    unit=overlay.unit,
+                    time_s=overlay.time_s[seen],
+                    measured=overlay.measured[seen, k],
+                    before=overlay.before[seen, k],
+                    after=overlay.after[seen, k],
+                    sigma=sigma if np.isfinite(sigma) else None,
+                    release_s=overlay.release_s,
+                )
+            )
+    return tuple(made)
+
+
+def overlays(study: Study, result: FitResult) -> tuple[Overlay, ...]:
+    """Fitted motions of the first experiments, with the markers that were seen."""
+    from backend.report.fit_motion import fitted_motion
+
+    made = []
+    for i, run in enumerate(result.residuals.runs[:MOST_OVERLAYS]):
+        seen_time, seen = _seen(study, run.experiment.id)
+        motion = fitted_motion(result, i, moving=[body.id for body in study.mechanism.bodies if not body.fixed])
+        made.append(Overlay(run.experiment.id, motion, seen_time_s=seen_time, seen_m=seen))
+    return tuple(made)
+
+
+def fit_text(report: FitReport) -> str:
+    """What was fitted, how surely, and how well it predicts."""
+    lines = [headline(report)]
+    width = max((len(p.name) for p in report.parameters), default=0)
+    for p in report.parameters:
+        interval = f"95% {shown(p.ci95[0], 4)} … {shown(p.ci95[1], 4)}" if p.ci95 else "not bounded by the data"
+        bound = "  AT ITS BOUND" if p.at_bound else ""
+        lines.append(f"  {p.name:<{width}}  {measured(p.value, p.sd):>10} {p.unit:<10} {interval}{bound}")
+    for name, rows in (("fitted", report.residuals), ("held out", report.held_out)):
+        for si in sorted({row.unit for row in rows}):
+            unit, factor = at_the_bench(si)
+            chosen = [row for row in rows if row.unit == si]
+            known = all(row.before is not None for row in chosen)
+            before = f", {shown(factor * pooled(chosen, 'before'))} as drawn" if known else ""
+            lines.append(f"{name:<9} rms {shown(factor * pooled(chosen))} {unit}{before}")
+    lines += [f"warning: {sentence}" for sentence in cautions(report)]
+    return "\n".join(lines)
+
+
+def _seen(study: Study, experiment: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Markers on one clock [s], as seen [m]; NaN where a marker was not."""
+    tracks = study.experiment(experiment).tracks
+    if tracks is None:
+        return np.zeros(0), {}
+    times = np.unique(tracks["time_s"].to_numpy(float))
+    seen = {}
+    for marker, rows in tracks.groupby("marker", sort=False):
+        table = np.full((len(times), 3), np.nan)
+        table[np.searchsorted(times, rows["time_s"].to_numpy(float))] = rows[["x_m", "y_m", "z_m"]].to_numpy(float)
+        # A planar rig's tracks leave the third coordinate empty; any value of it projects alike.
+        unmeasured = np.isnan(table).all(axis=0)
+        table[:, unmeasured] = 0.0
+        seen[str(marker)] = table
+    return times, seen
