@@ -33,7 +33,7 @@ def scissor(cells: int, step_s: float, integrator: str) -> Any:
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
     about_z = np.array([BAR_KG * 2e-4 / 12, *2 * [BAR_KG * (BAR_M**2 + 1e-4) / 12]])
     world = spec.worldbody
-    poses = {None: (np.zeros(2), 0.0)}
+    poses: dict[str | None, tuple[Any, float]] = {None: (np.zeros(2), 0.0)}
 
     def bar(name: str, parent: Any, on: str | None, centre: tuple[float, float], angle: float, pin: tuple) -> Any:
         p_parent, turn = poses[on]
