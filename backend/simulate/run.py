@@ -16,7 +16,7 @@ from backend.model.build import build
 from backend.model.model import Address, Model
 from backend.model.state import Start, drawn_pose
 from backend.model.system import System, system
-from backend.simulate import invariants, kinematics, points
+from backend.simulate import kinematics, points
 from backend.simulate.assemble import closed, worst_gap
 from backend.simulate.record import Record, on_steps
 from backend.simulate.rollout import Seen, Trajectory, depart, march, trajectory
@@ -26,6 +26,11 @@ OPEN_JOINT = 1e-6  # mechanism lengths (and rad) that assembly may leave open: t
 
 Progress = Callable[[int, int], None]
 Series = tuple[Address, np.ndarray, np.ndarray]
+
+
+_march = eqx.filter_jit(march)
+_depart = eqx.filter_jit(depart)
+_closed = eqx.filter_jit(closed)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +93,7 @@ def simulate(
 
 def assembled(model: Model, plant: System):
     """The closed pose near the drawn one.  Raises ValueError naming the joint that stays open."""
-    pose = eqx.filter_jit(closed)(plant, drawn_pose(model, plant))
+    pose = _closed(plant, drawn_pose(model, plant))
     gap = worst_gap(plant, pose)
     length = plant.scale.length_m
     if not (gap.offset_m < OPEN_JOINT * length and gap.tilt_rad < OPEN_JOINT):
@@ -104,16 +109,15 @@ def _followed(
     plant: System, start: Start, step_s: float, steps: int, record: Record | None, progress: Progress | None
 ) -> Trajectory:
     """The rollout in chunks, so that progress can be shown and one program serves any duration."""
-    chunk = min(CHUNK, steps + 1)
-    advance = eqx.filter_jit(lambda plant, carry, part: march(plant, carry, step_s, chunk, part))
-    motion = eqx.filter_jit(depart)(plant, start, step_s)
+    chunk, step = min(CHUNK, steps + 1), jnp.asarray(step_s)
+    motion = _depart(plant, start, step)
     carry, parts = (motion, jnp.zeros((), dtype=bool)), []
     for first in range(0, steps + 1, chunk):
         part = None
         if record is not None:
             rows = np.minimum(np.arange(first, first + chunk), record.values.shape[0] - 1)
             part = Record(record.values[rows], record.addresses)
-        carry, seen = advance(plant, carry, part)
+        carry, seen = _march(plant, carry, step, chunk, part)
         parts.append(seen)
         if progress:
             progress(min(first + chunk, steps), steps)
@@ -125,27 +129,24 @@ def as_run(name: str, model: Model, plant: System, path: Trajectory, step_s: flo
     """A trajectory by the drawing's own names."""
     topology = model.topology
     slots = {body: i for i, body in enumerate(topology.body_ids) if body is not None}
-    attitude = np.asarray(path.pose.quaternion)
-    spin = np.asarray(path.velocity[:, :, 3:])
-    origin, origin_speed = (np.asarray(x) for x in eqx.filter_jit(_origins)(plant, path))
-    force, torque = (np.asarray(x) for x in eqx.filter_jit(reactions)(plant, path))
-    markers = np.asarray(eqx.filter_jit(points.marker_paths)(model, plant, path))
+    seen = jax.tree.map(np.asarray, _seen(model, plant, path))
+    attitude, spin = np.asarray(path.pose.quaternion), np.asarray(path.velocity[:, :, 3:])
     joints = list(enumerate(topology.joint_ids))
     return Run(
         mechanism=name,
         step_s=step_s,
         time_s=np.asarray(path.time_s),
-        position_m={b: origin[:, i] for b, i in slots.items()},
+        position_m={b: seen.origin[:, i] for b, i in slots.items()},
         quaternion_wxyz={b: attitude[:, i] for b, i in slots.items()},
-        velocity_m_per_s={b: origin_speed[:, i] for b, i in slots.items()},
+        velocity_m_per_s={b: seen.origin_speed[:, i] for b, i in slots.items()},
         angular_velocity_rad_per_s={b: spin[:, i] for b, i in slots.items()},
         q={j: np.asarray(path.q[:, i]) for i, j in joints if plant.coordinate[i] is not None},
-        reaction_force_n={j: force[:, i] for i, j in joints},
-        reaction_torque_n_m={j: torque[:, i] for i, j in joints},
-        markers_m={m: markers[:, i] for i, m in enumerate(model.marker_ids)},
-        kinetic_j=np.asarray(eqx.filter_jit(invariants.kinetic_energy)(plant, path)),
-        potential_j=np.asarray(eqx.filter_jit(invariants.potential_energy)(plant, path)),
-        constraint_error_m=np.asarray(eqx.filter_jit(invariants.constraint_error)(plant, path)),
+        reaction_force_n={j: seen.force[:, i] for i, j in joints},
+        reaction_torque_n_m={j: seen.torque[:, i] for i, j in joints},
+        markers_m={m: seen.markers[:, i] for i, m in enumerate(model.marker_ids)},
+        kinetic_j=seen.kinetic,
+        potential_j=seen.potential,
+        constraint_error_m=seen.constraint_error,
         iterations=np.asarray(path.iterations),
         result=_result(plant, path, step_s),
     )
