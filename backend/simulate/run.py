@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -149,6 +150,31 @@ def as_run(name: str, model: Model, plant: System, path: Trajectory, step_s: flo
         constraint_error_m=seen.constraint_error,
         iterations=np.asarray(path.iterations),
         result=_result(plant, path, step_s),
+    )
+
+
+class _Seen(NamedTuple):
+    """What is computed from a whole trajectory, in one program."""
+
+    origin: Array
+    origin_speed: Array
+    force: Array
+    torque: Array
+    markers: Array
+    kinetic: Array
+    potential: Array
+    constraint_error: Array
+
+
+@eqx.filter_jit
+def _seen(model: Model, plant: System, path: Trajectory) -> _Seen:
+    return _Seen(
+        *_origins(plant, path),
+        *reactions(plant, path),
+        points.marker_paths(model, plant, path),
+        invariants.kinetic_energy(plant, path),
+        invariants.potential_energy(plant, path),
+        invariants.constraint_error(plant, path),
     )
 
 
