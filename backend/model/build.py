@@ -28,9 +28,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     moving = [b.id for b in mechanism.bodies if not b.fixed]
     fixed = [b.id for b in mechanism.bodies if b.fixed]
     if not moving:
-        raise ValueError(
-            f"nothing moves in '{mechanism.name}': every body is fixed; let at least one body move"
-        )
+        raise ValueError(f"nothing moves in '{mechanism.name}': every body is fixed; let at least one body move")
     for joint in mechanism.joints:
         joint_of_type(joint.type)
     drawn = [*mechanism.effects, *effects]
@@ -47,9 +45,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     bodies = [mechanism.body(id_) if id_ else None for id_ in topology.body_ids + topology.fixed_ids]
     drawing = _drawing(mechanism, bodies)
     poses = np.array([_pose(b) for b in bodies])
-    axes_W = np.array(
-        [_rotation(poses[a, 3:]) @ drawing.axes_a[i, :, 2] for i, (a, _) in enumerate(topology.joints)]
-    )
+    axes_W = np.array([_rotation(poses[a, 3:]) @ drawing.axes_a[i, :, 2] for i, (a, _) in enumerate(topology.joints)])
     return Model(
         topology=topology,
         drawing=drawing,
@@ -117,9 +113,7 @@ def _place(kind: str, drawn: list[Effect], topology: Topology, mechanism: Mechan
         for place in _places(member, effect, topology, mechanism):
             rows.append(row)
             places.append(place)
-    leaves = {
-        name: jnp.array([_value(m, name, d) for m in members]) for name, d in effect.declarations().items()
-    }
+    leaves = {name: jnp.array([_value(m, name, d) for m in members]) for name, d in effect.declarations().items()}
     return Placed(effect(**leaves), tuple(m.id for m in members), tuple(rows), tuple(places))
 
 
@@ -164,9 +158,7 @@ def _value(member: Effect, name: str, declared: Declaration) -> ParameterValue |
     if name in member.parameters:
         return member.parameters[name]
     if declared.default is None:
-        raise ValueError(
-            f"effect '{member.id}' ({member.kind}) lacks '{name}' [{declared.unit}]: {declared.doc}"
-        )
+        raise ValueError(f"effect '{member.id}' ({member.kind}) lacks '{name}' [{declared.unit}]: {declared.doc}")
     return declared.default if declared.size == 1 else [declared.default] * declared.size
 
 
@@ -201,4 +193,4 @@ def _scale(mechanism: Mechanism, moving: list[str]) -> Scale:
     gyration = [np.sqrt(np.trace(i.inertia_kg_m2.matrix()) / i.mass_kg) for i in inertials if i]
     long = [length for length in lengths if length > 1e-6] or gyration
     gravity = float(np.linalg.norm(mechanism.gravity_m_per_s2)) or STANDARD_GRAVITY
-    return Scale(float(np.mean(masses)), float(np.mean(long)), gravity)
+    return Scale(jnp.asarray(np.mean(masses)), jnp.asarray(np.mean(long)), jnp.asarray(gravity))

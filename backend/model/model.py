@@ -46,7 +46,7 @@ class Model(eqx.Module):
     marker_bodies: tuple[int, ...] = eqx.field(static=True)
     view_axis: Float[Array, "3"]
     """Unit vector along most joints' axes: the direction in which a camera looks at the motion."""
-    scale: Scale = eqx.field(static=True)
+    scale: Scale
 
     def of(self, shape: type[Shape]) -> list[Placed]:
         """The effects of one shape."""
@@ -98,10 +98,7 @@ class Model(eqx.Module):
         if placed.effect.acts_on in ("world", "camera"):
             return (placed.effect.acts_on,)
         return tuple(
-            str(names[i])
-            for r, place in zip(placed.rows, placed.places, strict=True)
-            if r == row
-            for i in place
+            str(names[i]) for r, place in zip(placed.rows, placed.places, strict=True) if r == row for i in place
         )
 
 

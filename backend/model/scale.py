@@ -1,7 +1,9 @@
 """The natural size of a parameter in a mechanism, from the mechanism's own mass, length and gravity."""
 
-import dataclasses
 import re
+
+import equinox as eqx
+from jaxtyping import Array, Float
 
 STANDARD_GRAVITY = 9.80665  # m/s², for mechanisms drawn without weight
 DIMENSIONS = {  # exponents of kg, m, s
@@ -15,18 +17,20 @@ DIMENSIONS = {  # exponents of kg, m, s
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class Scale:
-    """Typical mass [kg] of a moving body, size [m] of the mechanism, and free fall [m/s²]."""
+class Scale(eqx.Module):
+    """Typical mass [kg] of a moving body, size [m] of the mechanism, and free fall [m/s²].
 
-    mass_kg: float
-    length_m: float
-    gravity_m_per_s2: float
+    Array leaves, so that drawings of one topology and other sizes share one compiled program.
+    """
+
+    mass_kg: Float[Array, ""]
+    length_m: Float[Array, ""]
+    gravity_m_per_s2: Float[Array, ""]
 
     @property
     def time_s(self) -> float:
         """√(length / gravity)."""
-        return (self.length_m / self.gravity_m_per_s2) ** 0.5
+        return float(self.length_m / self.gravity_m_per_s2) ** 0.5
 
     def of(self, unit: str) -> float:
         """The size that a quantity of this unit has here, e.g. 'N m s/rad' -> m g L x √(L/g)."""
@@ -34,6 +38,6 @@ class Scale:
         for sign, part in zip((1, -1), (unit.split(" or ")[0] + "/1").split("/")[:2], strict=True):
             for symbol, power in re.findall(r"([A-Za-z1]+)\^?(\d?)", part):
                 kg, m, s = DIMENSIONS[symbol]
-                base = self.mass_kg**kg * self.length_m**m * self.time_s**s
+                base = float(self.mass_kg) ** kg * float(self.length_m) ** m * self.time_s**s
                 size *= base ** (sign * int(power or 1))
         return size

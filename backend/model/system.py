@@ -40,7 +40,7 @@ class System(eqx.Module):
     """Arrays of a mechanism in motion; body points are relative to the centre of mass, in body axes."""
 
     topology: Topology = eqx.field(static=True)
-    scale: Scale = eqx.field(static=True)
+    scale: Scale
     held: tuple[tuple[bool, ...], ...] = eqx.field(static=True)
     """Rows of each joint that its kind holds."""
     coordinate: tuple[int | None, ...] = eqx.field(static=True)
@@ -117,9 +117,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
     driven = tuple(sorted({int(j) for placed in motions for j in placed.at()}))
     types = [joint_of_type(t) for t in topology.joint_types]
     limits = [_dry_limits(placed, drawing) for placed in model.of(AbstractDryFriction)]
-    stops = tuple(
-        sorted({int(j) for placed in model.of(AbstractJointStop) for j in placed.at()} - set(driven))
-    )
+    stops = tuple(sorted({int(j) for placed in model.of(AbstractJointStop) for j in placed.at()} - set(driven)))
     struts = model.of(AbstractStrut)
     anchors = [jax.vmap(lambda e: e.anchors())(placed.here) for placed in struts]
     slots, scale = topology.slots, model.scale
@@ -150,7 +148,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         rotor=_total(joints, model.of(AbstractJointInertia), lambda e: e.inertia()),
         stop_ends=_stop_ends(model.of(AbstractJointStop), stops, joints),
         stick_rate=STICK_RATE * jnp.where(sliding, scale.length_m, 1.0),
-        barrier=jnp.asarray(BARRIER * scale.mass_kg * scale.gravity_m_per_s2 * scale.length_m),
+        barrier=BARRIER * scale.mass_kg * scale.gravity_m_per_s2 * scale.length_m,
         tolerance=tolerance,
         strut_a=jnp.zeros((len(topology.struts), 3)),
         strut_b=jnp.zeros((len(topology.struts), 3)),
