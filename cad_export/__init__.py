@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cad_export.axis import Axis, cylinder
-    from cad_export.flat_bar import bar
     from cad_export.drawing import Drawing
+    from cad_export.flat_bar import bar
     from cad_export.script import export_script
 
 __all__ = ["Axis", "Drawing", "bar", "cylinder", "export_script"]

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import cadquery as cq
 import numpy as np
 from jaxtyping import Float
-from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
-from OCP.BRepTools import BRepTools
-from OCP.gp import gp_Ax1
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface  # pyright: ignore[reportAttributeAccessIssue]
+from OCP.BRepTools import BRepTools  # pyright: ignore[reportAttributeAccessIssue]
 
 from backend.mechanism.drawing_error import DrawingError
 from cad_export.assembly import CadPart
 from cad_export.placement import Placement
 
+FULL_SWEEP_RAD = np.radians(300.0)  # a hole with a keyway or a flat is still a hole
 SAME_MM = 1e-6  # distances and radii that a modeller means to be equal
 
 
@@ -99,42 +99,48 @@ def axis_on(part: CadPart, drawn: AxisLike) -> Axis:
 
 
 def cylinder(shape: cq.Workplane | cq.Shape, through_mm: Sequence[float], diameter_mm: float | None = None) -> cq.Face:
-    """The one cylindrical face of a shape whose axis passes through a point, for use as a joint's axis.
+    """The one pin or hole of a shape whose axis passes through a point, as a face to give as a joint's axis.
 
     through_mm: in the shape's coordinates.  diameter_mm: which one, where several are coaxial.
     Raises DrawingError listing the cylinders found when it is none, or not one.
     """
     solid = shape if isinstance(shape, cq.Shape) else cq.Compound.makeCompound(shape.vals())  # type: ignore[arg-type]
     point = np.array(through_mm, float)
-    found: dict[tuple[object, ...], tuple[Axis, cq.Face]] = {}
-    others: set[str] = set()
-    for face in solid.Faces():
-        if face.geomType() != "CYLINDER" or (drawn := _of_cylinder(face)).cylinder is None:
-            continue
-        offset_mm = float(np.linalg.norm(np.cross(drawn.direction, point - drawn.point_mm)))
-        size_mm = drawn.cylinder.diameter_mm
-        if offset_mm < SAME_MM and (diameter_mm is None or abs(size_mm - diameter_mm) < SAME_MM):
-            # A cylinder may be split into faces that differ in nothing but their share of the turn.
-            line = (drawn.point_mm, drawn.direction, drawn.span_mm, size_mm)
-            alike = (drawn.cylinder.sense, *(tuple(np.round(np.atleast_1d(v), 5) + 0.0) for v in line))  # type: ignore[arg-type]
-            found.setdefault(alike, (drawn, face))
+    found: list[tuple[str, cq.Face]] = []
+    others: list[str] = []
+    for axis, drawn, face in _full_cylinders(solid):
+        offset_mm = float(np.linalg.norm(np.cross(axis.direction, point - axis.point_mm)))
+        words = f"{drawn.sense} {drawn.diameter_mm:g} mm"
+        if offset_mm < SAME_MM and (diameter_mm is None or abs(drawn.diameter_mm - diameter_mm) < SAME_MM):
+            found.append((f"{words} along {np.round(axis.direction, 3) + 0.0}", face))
         else:
-            others.add(f"{drawn.cylinder.sense} {size_mm:g} mm, {offset_mm:g} mm off")
+            others.append(f"{words}, {offset_mm:g} mm off")
     size = "" if diameter_mm is None else f" of diameter {diameter_mm:g} mm"
     if not found:
         near = "; ".join(sorted(others)[:6]) or "none"
         raise DrawingError(f"no cylinder{size} has its axis through {tuple(through_mm)} mm; there are: {near}")
     if len(found) > 1:
-        listed = ", ".join(
-            f"{each.cylinder.sense} {each.cylinder.diameter_mm:g} mm along {np.round(each.direction, 3)}"
-            for each, _ in found.values()
-            if each.cylinder
-        )
         raise DrawingError(
-            f"{len(found)} cylinders have their axis through {tuple(through_mm)} mm ({listed}); "
-            "say which with diameter_mm, or select the face itself"
+            f"{len(found)} cylinders have their axis through {tuple(through_mm)} mm "
+            f"({', '.join(words for words, _ in found)}); say which with diameter_mm, or select the face itself"
         )
-    return next(iter(found.values()))[1]
+    return found[0][1]
+
+
+def _full_cylinders(solid: cq.Shape) -> Iterator[tuple[Axis, Cylinder, cq.Face]]:
+    """Pins and holes, one face of each; fillets, slots and rounded ends go only part of the way round."""
+    sweeps: dict[tuple[float | str, ...], float] = {}
+    first: dict[tuple[float | str, ...], tuple[Axis, Cylinder, cq.Face]] = {}
+    for face in solid.Faces():
+        if face.geomType() != "CYLINDER" or (axis := _of_cylinder(face)).cylinder is None:
+            continue
+        # One cylinder may come as several faces, alike in all but their share of the turn.
+        numbers = np.round([*axis.point_mm, *axis.direction, *(axis.span_mm or ()), axis.cylinder.diameter_mm], 5)
+        key = (axis.cylinder.sense, *(numbers + 0.0))
+        u0, u1, _, _ = BRepTools.UVBounds_s(face.wrapped)
+        sweeps[key] = sweeps.get(key, 0.0) + u1 - u0
+        first.setdefault(key, (axis, axis.cylinder, face))
+    return (first[key] for key, sweep in sweeps.items() if sweep >= FULL_SWEEP_RAD)
 
 
 def _check_belongs(part: CadPart, drawn: cq.Shape, own: Sequence[cq.Shape]) -> None:
@@ -165,7 +171,7 @@ def _of_edge(part: CadPart, edge: cq.Edge) -> Axis:
     if kind == "CIRCLE":
         return _along(BRepAdaptor_Curve(edge.wrapped).Circle().Axis())
     if kind == "LINE":
-        start, end = (np.array(edge.positionAt(at).toTuple()) for at in (0.0, 1.0))
+        start, end = (np.array(vertex.Center().toTuple()) for vertex in edge.Vertices())
         reach = 0.5 * float(np.linalg.norm(end - start))
         return Axis(0.5 * (start + end), _forward(end - start), span_mm=(-reach, reach))
     raise DrawingError(
@@ -193,8 +199,7 @@ def _of_cylinder(face: cq.Face) -> Axis:
     )
 
 
-def _along(axis: Any) -> Axis:
-    line: gp_Ax1 = axis
+def _along(line: Any) -> Axis:
     return Axis(line.Location().Coord(), _forward(np.array(line.Direction().Coord())))
 
 

@@ -177,10 +177,7 @@ class Drawing:
         places: Any = on if on == "all" else [on] if isinstance(on, str) else list(on)
         if effect_kinds()[kind].acts_on in ("body", "bodies") and places != "all":
             places = [self._leader[self._part(name).path] for name in places]
-        values = {
-            name: float(value) if np.ndim(value) == 0 else [float(each) for each in np.asarray(value)]
-            for name, value in parameters.items()
-        }
+        values = {name: np.asarray(value, float).tolist() for name, value in parameters.items()}
         number = sum(effect["kind"] == kind for effect in self._effects) + 1
         self._add_effect(id or f"{kind}_{number}", kind, places, values)
 

@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import cadquery as cq
 import numpy as np
 from jaxtyping import Float
-from OCP.BRep import BRep_Tool
-from OCP.BRepGProp import BRepGProp
-from OCP.GProp import GProp_GProps
+from OCP.BRep import BRep_Tool  # pyright: ignore[reportAttributeAccessIssue]
 
 from backend.mechanism.drawing_error import DrawingError
 from cad_export.placement import Placement, metres
@@ -65,14 +63,11 @@ def mass_properties(shape: cq.Shape, density_kg_per_m3: float, part: str) -> Mas
 
 
 def _of_solid(solid: cq.Solid, density_kg_per_m3: float) -> MassProperties:
-    # OCCT's matrix of inertia is already about the centre of mass, in global axes, at density 1: mm⁵.
-    found = GProp_GProps()
-    BRepGProp.VolumeProperties_s(solid.wrapped, found)
-    matrix = found.MatrixOfInertia()
-    inertia_mm5 = np.array([[matrix.Value(row, column) for column in (1, 2, 3)] for row in (1, 2, 3)])
+    # CadQuery's matrix of inertia is already about the centre of mass, in global axes, at density 1: mm⁵.
+    inertia_mm5 = np.array(cq.Shape.matrixOfInertia(solid))
     return MassProperties(
-        mass_kg=found.Mass() * MM**3 * density_kg_per_m3,
-        center_mm=np.array(found.CentreOfMass().Coord()),
+        mass_kg=solid.Volume() * MM**3 * density_kg_per_m3,
+        center_mm=np.array(cq.Shape.centerOfMass(solid).toTuple()),
         inertia_kg_m2=inertia_mm5 * MM**5 * density_kg_per_m3,
     )
 

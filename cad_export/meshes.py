@@ -7,8 +7,6 @@ from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
-import cadquery as cq
-
 from backend.mechanism.drawing_error import DrawingError
 from cad_export.assembly import CadPart
 from cad_export.placement import Placement

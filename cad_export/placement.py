@@ -47,7 +47,7 @@ class Placement:
     def location(self) -> cq.Location:
         """The same pose for CadQuery."""
         import cadquery as cq
-        from OCP.gp import gp_Trsf
+        from OCP.gp import gp_Trsf  # pyright: ignore[reportAttributeAccessIssue]
 
         transform = gp_Trsf()
         rows = np.column_stack([self.rotation, self.position_mm])

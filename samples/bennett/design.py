@@ -54,14 +54,14 @@ def design(
 def _link(length: float, twist: float) -> cq.Workplane:
     """A round bar with a bored hub at its first axis and a fork with a pin at its second."""
     hub = cq.Workplane("XY", origin=(0, 0, -5)).circle(8).extrude(10)
-    rod = cq.Workplane("YZ", origin=(6, 0, 0)).circle(5).extrude(length - 24)
+    rod = cq.Workplane("YZ", origin=(6, 0, 0)).circle(5).extrude(length - 32)
     bore = cq.Workplane("XY", origin=(0, 0, -5)).circle(0.5 * HOLE).extrude(10)
-    bridge = cq.Workplane("XY").box(8, 16, 21).translate((-16, 0, 0))
+    bridge = cq.Workplane("XY").box(8, 16, 21).translate((-24, 0, 0))
     cheeks = (
         cq.Workplane("XY")
         .box(20, 16, 5)
         .translate((-2, 0, 8))
-        .union(cq.Workplane("XY").box(20, 16, 5).translate((-2, 0, -8)))
+        .union(cq.Workplane("XY").box(28, 16, 5).translate((-6, 0, -8)))
     )
     pin = cq.Workplane("XY", origin=(0, 0, -10.5)).circle(0.5 * PIN).extrude(21)
     fork = bridge.union(cheeks).union(pin).rotate((0, 0, 0), (1, 0, 0), twist).translate((length, 0, 0))
