@@ -15,9 +15,9 @@ from backend.frames import quaternion
 from backend.mechanism.mechanism import Mechanism
 from backend.model.build import build
 from backend.model.model import Address, Model
-from backend.model.state import Start, drawn_pose
+from backend.model.state import Pose, Start, drawn_pose
 from backend.model.system import System, system
-from backend.simulate import kinematics, points
+from backend.simulate import invariants, kinematics, points
 from backend.simulate.assemble import closed, worst_gap
 from backend.simulate.record import Record, on_steps
 from backend.simulate.rollout import Seen, Trajectory, depart, march, trajectory
@@ -92,7 +92,7 @@ def simulate(
     return as_run(mechanism.name, model, plant, path, step_s)
 
 
-def assembled(model: Model, plant: System):
+def assembled(model: Model, plant: System) -> Pose:
     """The closed pose near the drawn one.  Raises ValueError naming the joint that stays open."""
     pose = _closed(plant, drawn_pose(model, plant))
     gap = worst_gap(plant, pose)
