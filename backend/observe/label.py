@@ -81,9 +81,7 @@ def label_dots(
         rivals = [rms for rms, index in sound if index != sound[0][1]]
         if not rivals or rivals[0] > RIVAL * sound[0][0] + 1.0:
             return dict(zip(names, sound[0][1], strict=True))
-        unclear = names
-    else:
-        unclear = [names[k] for k in min(answers, key=lambda a: (len(a[0]), a[1]))[0]]
+    unclear = [names[k] for k in answers[0][0]]  # as drawn; clicking these settles it
     raise TrackingError(
         f"{len(names)} markers are drawn and {len(dots)} dots are seen, but it is doubtful which dots are "
         f"{', '.join(unclear)}. Start the clip at the drawn pose, or click these dots."

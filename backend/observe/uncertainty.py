@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 FLOOR_PX = 0.02  # a still dot repeats its error unseen: its error on the pixel grid is about this large
 UNMEASURED_PX = 0.1  # taken where a clip is too short to tell
-ENOUGH = 8
+ENOUGH = 16  # differences; fewer tell the noise no better than a factor of two
 ORDERS = (3, 5)  # the fifth cancels the fast swings that the third leaves in, and blurs impacts more
 
 

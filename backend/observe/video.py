@@ -62,7 +62,7 @@ class Index:
     @property
     def truncated(self) -> bool:
         """Whether the file ends before the recording does."""
-        return self.damaged > 0 or self.missing_s > 1.5 * float(np.median(np.diff(self.times_s)))
+        return bool(self.damaged or self.missing_s > 1.5 * np.median(np.diff(self.times_s)))
 
 
 def read_index(path: str | Path) -> Index:
@@ -105,7 +105,7 @@ def read_index(path: str | Path) -> Index:
         raise TrackingError(f"{name} holds {len(stamps)} frames; motion needs at least two. {remedy}")
     times = np.sort(np.array(stamps, np.int64)) * float(base)
     seen_s = times[-1] - times[0] + float(np.median(np.diff(times)))
-    return Index(times, promised, max(0.0, length_s - seen_s), int(damaged))
+    return Index(times, promised, max(0.0, float(length_s - seen_s)), int(damaged))
 
 
 class Video:

@@ -1,0 +1,62 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.blind.camera import Camera
+from backend.blind.render import Look
+from backend.observe.detect import detect
+from backend.observe.dots import learn_look
+from backend.observe.tracking_error import TrackingError
+from backend.observe.video import Video
+
+from .scenes import film, four
+
+
+def placed(clip, frame, look):
+    """Distance from each true dot to the nearest detection [px]."""
+    truth = np.array([p[frame.index] for p in clip.truth["markers_px"].values()])
+    return np.hypot(*(truth[:, None] - detect(frame, look).px[None]).transpose(2, 0, 1)).min(1)
+
+
+def test_the_size_of_the_dots_is_measured_in_the_picture(four_dots):
+    look = learn_look(next(iter(Video(four_dots.path))), 4)
+    assert look.radius_px == pytest.approx(8, abs=0.6)  # 4 mm at 0.5 mm per pixel, profile sampled at 0.25 px
+    assert look.ring_px == pytest.approx(12, abs=1.0)
+
+
+@pytest.mark.parametrize("colour", [(0.6, 0.03, 0.03), (0.03, 0.3, 0.08), (0.03, 0.08, 0.5), (0.4, 0.02, 0.3)])
+def test_dots_of_any_ink_are_found_to_a_tenth_of_a_pixel(tmp_path, colour):
+    clip = film(tmp_path / "ink.mp4", np.arange(8) / 240, four, look=Look(dot_colour_rgb=colour))
+    frames = list(Video(clip.path))
+    look = learn_look(frames[0], 4)
+    assert np.median([placed(clip, f, look) for f in frames]) < 0.1
+    assert all(len(detect(f, look)) == 4 for f in frames)
+
+
+@pytest.mark.parametrize(("noise", "crf", "limit"), [(0.0, 10, 0.03), (6.0, 26, 0.25)])
+def test_a_clean_picture_is_placed_finer_than_a_coarse_one(tmp_path, noise, crf, limit):
+    clip = film(tmp_path / "noise.mp4", np.arange(8) / 240, four, look=Look(noise_codes=noise, crf=crf))
+    frames = list(Video(clip.path))
+    look = learn_look(frames[0], 4)
+    assert np.median([placed(clip, f, look) for f in frames]) < limit
+
+
+def test_small_dots_are_found_too(tmp_path):
+    clip = film(tmp_path / "far.mp4", np.arange(6) / 240, four, camera=Camera(1600, 1.6, 640, 360))
+    frames = list(Video(clip.path))
+    look = learn_look(frames[0], 4)  # 8 pixels across
+    assert np.median([placed(clip, f, look) for f in frames]) < 0.12
+
+
+def test_a_grey_picture_holds_no_dots(four_dots):
+    frame = next(iter(Video(four_dots.path)))
+    grey = replace(frame, cb=np.full_like(frame.cb, 128), cr=np.full_like(frame.cr, 128))
+    with pytest.raises(TrackingError, match="0 coloured areas"):
+        learn_look(grey, 4)
+
+
+def test_a_coloured_patch_without_a_brighter_surrounding_is_no_dot(four_dots):
+    frame = next(iter(Video(four_dots.path)))
+    with pytest.raises(TrackingError, match="none a round dot"):
+        learn_look(replace(frame, luma=np.full_like(frame.luma, 120)), 4)

@@ -1,0 +1,174 @@
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+
+from backend.observe.measure import track_video
+from backend.observe.timestamps import check_times
+from backend.observe.tracking_error import TrackingError
+from backend.observe.video import Video
+
+from .scenes import errors_m, film, four
+
+
+def repacked(source, target, options=None, turn=0):
+    """The same pictures in another container, unchanged."""
+    with av.open(str(source)) as given, av.open(str(target), "w", options=options or {}) as made:
+        stream = made.add_stream_from_template(given.streams.video[0])
+        if turn:
+            stream.set_display_rotation(turn)
+        for packet in given.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                made.mux(packet)
+    return target
+
+
+def test_every_frame_has_its_time_and_one_is_held_at_a_time(four_dots):
+    frames = iter(Video(four_dots.path))
+    first = next(frames)
+    assert first.luma.shape == (360, 640)
+    assert first.cb.shape == first.cr.shape == (180, 320)
+    times = [first.time_s] + [f.time_s for f in frames]
+    np.testing.assert_allclose(times, np.arange(60) / 240, atol=1e-6)  # stamps are whole microseconds
+
+
+def test_a_clip_of_varying_rate_has_its_true_times(tmp_path):
+    rng = np.random.default_rng(4)
+    times = np.cumsum(rng.uniform(3e-3, 9e-3, 50))
+    times[20:] += 0.03  # and some frames dropped
+    times -= times[0]
+    clip = film(tmp_path / "vfr.mp4", times, four)
+    result = track_video(clip.path, clip.mechanism, clip.bed, out_dir=tmp_path, preview=False)
+    seen = result.tracks.time_s.to_numpy()[::4]
+    assert np.abs(seen - np.array(clip.truth["times_s"])).max() < 1e-6
+    assert np.abs(seen - times).max() < 1e-6
+    assert np.nanmax(np.abs(errors_m(clip, result.tracks))) < 5e-4
+
+
+def test_times_come_from_any_clock_rate(four_dots, tmp_path):
+    """Matroska keeps milliseconds: the times are those, not frame numbers over a nominal rate."""
+    times = np.array([f.time_s for f in Video(repacked(four_dots.path, tmp_path / "a.mkv"))])
+    assert np.abs(times - np.arange(60) / 240).max() < 1e-3
+    assert np.ptp(np.diff(times)) > 5e-4
+
+
+@pytest.mark.parametrize("turn", [90, 180, 270])
+def test_a_turned_clip_is_read_as_a_viewer_shows_it(four_dots, tmp_path, turn):
+    plain = next(iter(Video(four_dots.path)))
+    turned = next(iter(Video(repacked(four_dots.path, tmp_path / "turned.mp4", turn=turn))))
+    np.testing.assert_array_equal(turned.luma, np.rot90(plain.luma, turn // 90))
+    np.testing.assert_array_equal(turned.cr, np.rot90(plain.cr, turn // 90))
+    assert turned.bgr().shape == (*turned.luma.shape, 3)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "is empty"), (b"To whom it may concern. " * 400, "cannot be opened"), (bytes(5000), "cannot be opened")],
+)
+def test_what_is_no_video_is_refused_with_zero_frames_read(tmp_path, content, says):
+    path = tmp_path / "clip.mp4"
+    path.write_bytes(content)
+    with pytest.raises(TrackingError, match=rf"clip\.mp4 {says}.*0 frames read"):
+        Video(path)
+
+
+def test_a_missing_file_and_a_picture_are_refused(tmp_path):
+    with pytest.raises(TrackingError, match="There is no file"):
+        Video(tmp_path / "none.mp4")
+    av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8)).save(tmp_path / "still.png")
+    (tmp_path / "still.png").rename(tmp_path / "still.mp4")
+    with pytest.raises(TrackingError, match="one frame"):
+        Video(tmp_path / "still.mp4")
+
+
+def test_sound_alone_is_refused(tmp_path):
+    path = tmp_path / "sound.mp4"
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("aac", rate=48000, layout="mono")
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.sample_rate, frame.pts = 48000, 0
+        out.mux(stream.encode(frame))
+        out.mux(stream.encode(None))
+    with pytest.raises(TrackingError, match="no picture"):
+        Video(path)
+
+
+def test_a_recording_cut_before_its_index_was_written_is_refused(four_dots, tmp_path):
+    whole = four_dots.path.read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(TrackingError, match="0 frames read"):
+        Video(tmp_path / "cut.mp4")
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
+def test_a_truncated_file_says_how_many_frames_it_read_and_keeps_them_on_request(four_dots, tmp_path, suffix):
+    whole = repacked(four_dots.path, tmp_path / f"whole.{suffix}", {"movflags": "faststart"} if suffix == "mp4" else {})
+    data = whole.read_bytes()
+    path = tmp_path / f"short.{suffix}"
+    path.write_bytes(data[: len(data) * 3 // 5])
+    with pytest.raises(TrackingError, match=r"ends too early: [1-5]\d (of 60 )?frames could be read"):
+        track_video(path, four_dots.mechanism, four_dots.bed, out_dir=tmp_path)
+    result = track_video(path, four_dots.mechanism, four_dots.bed, out_dir=tmp_path, keep_truncated=True, preview=False)
+    kept = result.summary["frames"]
+    assert 10 < kept < 60
+    assert result.summary["truncated"]
+    assert f"{kept}" in result.summary["warnings"][-1]
+    assert np.nanmedian(np.abs(errors_m(four_dots, result.tracks))) < 1e-4
+
+
+def test_garbage_in_the_middle_never_ends_in_a_crash(four_dots, tmp_path):
+    """A damaged copy is refused or read in part; what is measured stays on the dots or says it is not."""
+    data = bytearray(four_dots.path.read_bytes())
+    rng = np.random.default_rng(0)
+    for k in range(4):
+        at = len(data) // 3 + 3001 * k
+        data[at : at + 500] = rng.integers(0, 256, 500, dtype=np.uint8).tobytes()
+    (tmp_path / "bad.mp4").write_bytes(data)
+    try:
+        result = track_video(
+            tmp_path / "bad.mp4", four_dots.mechanism, four_dots.bed, out_dir=tmp_path, keep_truncated=True
+        )
+    except TrackingError:
+        return
+    assert 1 <= result.summary["frames"] <= 60
+
+
+def test_a_baked_in_slow_motion_ramp_is_refused(tmp_path):
+    step = np.repeat([1 / 240, 1 / 30, 1 / 240], 20)
+    times = np.r_[0, np.cumsum(step)]
+    clip = film(tmp_path / "ramp.mp4", times, lambda t: four(0 * t))
+    with pytest.raises(TrackingError, match=r"slow-motion ramp is baked.*original"):
+        Video(clip.path)
+
+
+def test_a_clip_without_a_clock_is_refused(tmp_path):
+    with av.open(str(tmp_path / "raw.h264"), "w", format="h264") as out:
+        stream = out.add_stream("libx264", rate=Fraction(30))
+        stream.width = stream.height = 64
+        for _ in range(5):
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8))))
+        out.mux(stream.encode(None))
+    with pytest.raises(TrackingError, match="no timestamps"):
+        Video(tmp_path / "raw.h264")
+
+
+def test_dropped_frames_and_a_rate_that_halves_are_no_jump():
+    step = np.full(100, 1 / 60)
+    step[50:] = 1 / 30  # exposure in a dark room
+    step[[10, 30]] *= 4
+    check_times(np.r_[0, np.cumsum(step)], "clip")
+
+
+@pytest.mark.parametrize(
+    ("times", "says"),
+    [
+        (np.r_[np.arange(30), np.arange(50, 80)] / 240, "jumps by 87.5 ms after frame 29"),
+        (np.r_[np.arange(30), np.arange(28, 50)] / 240, "jumps from 0.1208 s to 0.1167 s"),
+        (np.r_[np.arange(30), 29, np.arange(30, 40)] / 240, "jumps from"),
+    ],
+)
+def test_a_clock_that_leaps_stops_or_runs_back_is_refused(times, says):
+    with pytest.raises(TrackingError, match=says):
+        check_times(times, "clip")
