@@ -47,6 +47,8 @@ class Drawing:
         gravity_m_per_s2: Sequence[float] = STANDARD_GRAVITY,
     ):
         """name: of the mechanism, by default the assembly's.  gravity_m_per_s2: in the world's axes."""
+        if not isinstance(assembly, cq.Assembly):
+            raise DrawingError(f"a Drawing is made on a cq.Assembly, not on a {type(assembly).__name__}; add it to one")
         given = "mechanism" if GENERATED_NAME.fullmatch(assembly.name) else assembly.name
         self.name = name or given
         self.parts = parts_of(assembly)
@@ -69,6 +71,8 @@ class Drawing:
         """These parts are one body, in the frame of the first; they must not share volume."""
         if self._joints or self._markers or self._effects:
             raise DrawingError(f"rigid({', '.join(parts)}) comes after a joint, marker or effect; call it before them")
+        if len(parts) < 2:
+            raise DrawingError(f"rigid({', '.join(parts)}) names {len(parts)} parts; name two or more")
         members = [self._part(name).path for name in parts]
         leader = self._leader[members[0]]
         joined = {self._leader[member] for member in members}
@@ -124,7 +128,7 @@ class Drawing:
 
     def marker(self, id: str, part: str, point_mm: Sequence[float]) -> None:
         """A point of a part that a camera can follow."""
-        self._markers.append((id, self._part(part), np.array(point_mm, float)))
+        self._markers.append((id, self._part(part), _point(id, point_mm)))
 
     def extension_spring(
         self,
@@ -140,7 +144,7 @@ class Drawing:
     ) -> None:
         """A straight spring between a point of each part; by default it is free of force as drawn."""
         a, b = self._part(part_a), self._part(part_b)
-        start, end = np.array(anchor_a_mm, float), np.array(anchor_b_mm, float)
+        start, end = _point(id, anchor_a_mm), _point(id, anchor_b_mm)
         if free_length_mm is None:
             free_length_mm = float(np.linalg.norm(b.X_WP.point(end) - a.X_WP.point(start)))
         self._add_effect(
@@ -243,6 +247,8 @@ class Drawing:
             "frame_b": (self._in_body(b) @ joint.X_BG).json(),
         }
         if limits is not None:
+            if len(limits) != 2:
+                raise DrawingError(f'joint "{id}": {len(limits)} limits; write (lower, upper), None for an open side')
             sides = zip(("lower", "upper"), limits, strict=True)
             entry["limits"] = {side: float(value) * unit for side, value in sides if value is not None}
         if joint.fit:
@@ -313,3 +319,11 @@ class Drawing:
             if fault := overlap_fault(placed):
                 raise DrawingError(f'body "{members[0].path}": {fault}')
         return combined(pieces)
+
+
+def _point(id: str, point_mm: Sequence[float]) -> np.ndarray:
+    """Three finite numbers [mm]; DrawingError naming the marker or spring otherwise."""
+    point = np.array(point_mm, float)
+    if point.shape != (3,) or not np.all(np.isfinite(point)):
+        raise DrawingError(f'"{id}": point {point_mm} mm; give three finite numbers (x, y, z)')
+    return point

@@ -93,6 +93,23 @@ def test_nothing_grounded_is_refused():
         drawing.mechanism()
 
 
+@pytest.mark.parametrize(
+    ("declare", "sentence"),
+    [
+        (lambda d: d.marker("m", "long", (1, 2)), r'"m": point \(1, 2\) mm; give three finite numbers'),
+        (lambda d: d.marker("m", "long", (1, 2, np.inf)), "three finite numbers"),
+        (lambda d: d.rigid("long"), r"rigid\(long\) names 1 parts; name two or more"),
+        (lambda d: d.prismatic("j", "frame", "long", ((0, 0, 0), (1, 0, 0)), limits_mm=(1, 2, 3)), "3 limits; write"),
+        (lambda d: Drawing(ARM), "on a cq.Assembly, not on a Workplane"),
+        (lambda d: d.material("long", density_kg_per_m3=2.7), 'part "long" has density 2.7'),
+        (lambda d: d.ground("Frame"), r'no part "Frame".*"frame"'),
+    ],
+)
+def test_a_slip_in_a_declaration_is_named(declare, sentence):
+    with pytest.raises(DrawingError, match=sentence):
+        declare(two_part_arm())
+
+
 def test_a_spring_without_a_free_length_is_slack_as_drawn():
     drawing = two_part_arm()
     drawing.extension_spring("s", "frame", "long", anchor_a_mm=(0, 0, 0), anchor_b_mm=(0, 0, 0), stiffness_n_per_m=100)

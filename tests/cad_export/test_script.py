@@ -1,6 +1,8 @@
 """Running a design script with settings."""
 
 import json
+import re
+from pathlib import Path
 from textwrap import dedent
 
 import pytest
@@ -110,3 +112,11 @@ def test_the_command_fails_with_a_sentence(script, tmp_path, capsys):
     assert 'setting "cell" is unknown' in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         main([str(script()), "--set", "cells"])
+
+
+def test_the_example_of_the_page_runs(script, tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "cad_export.md").read_text("utf-8")
+    example = re.search(r"```python\n(.*?)```", page, re.DOTALL).group(1)
+    mechanism = read_mechanism(export_script(script(example), tmp_path / "out", {"length_mm": "150"}))
+    assert mechanism.joint("pivot").fit.radial_clearance_m == 5e-5
+    assert mechanism.marker("tip").position_m[0] == pytest.approx(0.15, abs=1e-15)
