@@ -31,7 +31,7 @@ from backend.model.scale import Scale
 from backend.model.topology import Topology
 
 COMPLIANCE = 5e-11  # of a joint row, times the mass it holds [1]: 1e-14 brings self-stress, 1e-7 gives way
-STICK_RATE = 1e-4  # below this rate [rad/s, or mechanism lengths/s] dry friction holds rather than slides
+STICK_RATE = 5e-6  # below this rate [rad/s, or mechanism lengths/s] dry friction holds: 0.2 m creep under 1 µm/s
 TOLERANCE = 1e-10  # error of a step's displacement, in mechanism lengths
 BARRIER = 1e-8  # energy [mechanism weight x length] that a stop spends to stay open
 
