@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+import pytest
+
 # Read when jax starts, so nothing is imported here: a test of the drawing stays free of jax.
 os.environ["JAX_ENABLE_X64"] = "1"
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -11,8 +13,6 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -156,8 +156,10 @@ def ticks(low: float, high: float, about: int) -> tuple[list[float], list[str]]:
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     places = max(0, -math.floor(math.log10(step) + 1e-9))
     at = [round(i * step, places + 3) for i in range(first, last + 1)]
-    if step < 1e-4 or max(abs(low), abs(high)) >= 1e6:
-        return at, [shown(value, 3) for value in at]
+    most = max(abs(low), abs(high))
+    if most >= 1e6 or most < 1e-2:
+        digits = 1 + max(0, math.ceil(math.log10(most / step)))
+        return at, [shown(value, digits) for value in at]
     return at, [f"{value:.{places}f}".replace("-", "−") for value in at]
 
 
@@ -188,7 +190,7 @@ def _inside(*drawn: Markup) -> Markup:
 
 def _curve(axes: _Axes, series: Series) -> Markup:
     if series.style == "points":
-        keep = slice(None, None, math.ceil(len(series.x) / COLUMNS) or 1)
+        keep = slice(None, None, math.ceil(len(series.x) / (COLUMNS / 2)) or 1)  # else dots hide the curve
         px, py = axes.px(series.x[keep]), axes.py(series.y[keep])
         good = np.isfinite(px) & np.isfinite(py)
         dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in zip(px[good], py[good], strict=True))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def fitted_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motion:
     """Poses of the moving bodies in the index-th fitted experiment, at the fitted values; time as in its data."""
     run, residuals, x = result.residuals.runs[index], result.residuals, result.solution.x
-    setting, _ = run.setting()
+    setting = run.setting
     own = residuals.own(x, index)
     rates = own[run.mobility :] if run.moving else np.zeros(run.mobility)
     model = with_values(setting.model, run.addresses, jnp.asarray(x[: len(residuals.parameters)]))

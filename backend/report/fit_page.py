@@ -131,14 +131,17 @@ class _Experiment:
 
     @classmethod
     def of(cls, name: str, channels: Sequence[Channel]) -> _Experiment:
-        worst = sorted(channels, key=lambda c: -np.nan_to_num(c.rms(c.after)))[:MOST_CHARTS]
+        moving = [channel for channel in channels if _moves(channel, channels)]
+        worst = sorted(moving, key=lambda c: -np.nan_to_num(c.rms(c.after)))[:MOST_CHARTS]
         rest = len(channels) - len(worst)
         return cls(
             name,
             "held out" if channels[0].use == "held_out" else "fitted",
             [overlaid(channel) for channel in worst],
             [residual(channel) for channel in worst],
-            f"{rest} better fitted coordinates are not charted; the table of residuals has them." if rest else "",
+            f"{rest} coordinates that hardly move or fit better are not charted; the table of residuals has all places."
+            if rest
+            else "",
         )
 
 
@@ -149,9 +152,17 @@ def _by_experiment(channels: Iterable[Channel]) -> list[tuple[str, list[Channel]
     return list(grouped.items())
 
 
+def _moves(channel: Channel, among: Sequence[Channel]) -> bool:
+    """Whether its range is at least a hundredth of the widest of the same unit."""
+    widest = max(np.ptp(other.measured) for other in among if other.unit == channel.unit)
+    return bool(np.ptp(channel.measured) >= 0.01 * widest)
+
+
 def _named(channel: Channel) -> str:
     return f"{channel.at.replace(':', ' ')} {channel.component}"
 
 
 def _release(channel: Channel) -> list[tuple[float, str]]:
-    return [] if channel.release_s is None else [(channel.release_s, "release")]
+    if channel.release_s is None or channel.release_s <= channel.time_s[0]:
+        return []
+    return [(channel.release_s, "release")]

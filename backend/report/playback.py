@@ -17,8 +17,8 @@ FRAMES = 240
 SEEN_WITHIN = 0.6  # of a frame: a marker seen further off in time is not drawn
 
 
-def playback(mechanism: Mechanism, overlay: Overlay, title: str) -> Markup:
-    """A canvas with the fitted motion, the drawn one behind it, and the markers that were seen."""
+def playback(mechanism: Mechanism, overlay: Overlay, title: str, simulated: str = "fitted twin") -> Markup:
+    """A canvas with the simulated motion (named so in the legend), the drawn one behind it, and the markers seen."""
     skeleton = skeleton_of(mechanism)
     placed = skeleton.placed(overlay.after)
     view = best_view(placed)
@@ -32,7 +32,7 @@ def playback(mechanism: Mechanism, overlay: Overlay, title: str) -> Markup:
         "seen": [_at_frames(overlay.seen_time_s, p, times) for p in seen.values()],
     }
     stored = Markup(json.dumps(data, separators=(",", ":")).replace("</", "<\\/"))
-    keys = [("fitted twin" if overlay.before else "simulated", "key after line")]
+    keys = [(simulated, "key after line")]
     keys += [("as drawn", "key before line")] if overlay.before else []
     keys += [("seen", "key measured points")] if seen else []
     legend = element("span", *(element("span", name, class_=look) for name, look in keys), class_="legend")

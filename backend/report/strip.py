@@ -11,9 +11,13 @@ from backend.report.svg import element
 
 
 def interval_strip(value: float, ci95: tuple[float | None, float | None] | None, truth: float | None = None) -> Markup:
-    """The 95% interval as a bar, the estimate as a dot, the truth (where known) as an upright line."""
+    """The 95% interval as a bar, the estimate as a dot, the truth as an upright line.
+
+    Where no truth is known the strip starts at zero instead: a bar far from it is a value that is there.
+    """
     low, high = ci95 or (None, None)
-    given = [x for x in (value, low, high, truth) if x is not None]
+    zero = 0.0 if truth is None else None
+    given = [x for x in (value, low, high, truth, zero) if x is not None]
     span = (max(given) - min(given)) or abs(value) * 0.1 or 1.0
     start, end = min(given) - 0.15 * span, max(given) + 0.15 * span
 
@@ -21,6 +25,8 @@ def interval_strip(value: float, ci95: tuple[float | None, float | None] | None,
         return 140.0 * (x - start) / (end - start)
 
     parts = [element("path", class_="axis", d="M0 10H140")]
+    if zero is not None:
+        parts.append(element("path", class_="mark", d=f"M{at(zero):.1f} 3V17"))
     if low is not None and high is not None:
         parts.append(element("path", class_="interval", d=f"M{at(low):.1f} 10H{at(high):.1f}"))
     if truth is not None:

@@ -1,0 +1,132 @@
+"""The command line as a person meets it: help that is quick, answers that are clean, errors that are sentences."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+HEAVY = ("jax", "cadquery", "cv2", "av", "pandas", "matplotlib", "fastapi")
+
+
+def linktwin(*arguments: str | Path) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-c", "from backend.cli import main; main()", *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+
+
+def imported_by(code: str) -> set[str]:
+    script = f"import sys\n{code}\nprint(*(m for m in {HEAVY} if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines()[-1].split())
+
+
+@pytest.fixture
+def drawing(tmp_path) -> Path:
+    """A bar on a pin, released level."""
+    across = [0.7071067811865476, 0.7071067811865476, 0, 0]
+    frame = {"position_m": [0, 0, 0], "quaternion_wxyz": across}
+    pose = {"position_m": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}
+    inertia = {"xx": 1e-6, "yy": 1e-4, "zz": 1e-4, "xy": 0, "xz": 0, "yz": 0}
+    inertial = {"mass_kg": 0.05, "center_of_mass_m": [0.1, 0, 0], "inertia_kg_m2": inertia}
+    pin = {"id": "pin", "type": "revolute", "body_a": "ground", "body_b": "bar", "frame_a": frame, "frame_b": frame}
+    bodies = [{"id": "ground", "fixed": True, "pose": pose}, {"id": "bar", "pose": pose, "inertial": inertial}]
+    path = tmp_path / "mechanism.json"
+    path.write_text(json.dumps({"schema_version": "1.0", "name": "bar", "bodies": bodies, "joints": [pin]}))
+    return path
+
+
+def test_help_is_quick_and_loads_nothing_heavy():
+    linktwin("--help")  # the first start of a fresh checkout compiles
+    began = time.perf_counter()
+    done = linktwin("--help")
+    assert time.perf_counter() - began < 1.5  # s; 0.15 on an idle core
+    assert done.returncode == 0
+    for command in ("export", "check", "simulate", "track", "fit"):
+        assert command in done.stdout
+    assert (
+        imported_by(
+            "from typer.testing import CliRunner; from backend.cli import app; CliRunner().invoke(app, ['--help'])"
+        )
+        == set()
+    )
+
+
+def test_reading_a_drawing_loads_no_solver_no_cad_and_no_vision(drawing):
+    code = f"from backend.cli import app\ntry: app(['check', {str(drawing)!r}])\nexcept SystemExit: pass"
+    assert imported_by(code) & {"jax", "cadquery", "cv2", "av", "fastapi"} == set()
+
+
+def test_check_tells_people_and_programs_the_same(drawing):
+    said, told = linktwin("check", drawing), linktwin("check", drawing, "--json")
+    assert said.returncode == told.returncode == 0
+    report = json.loads(told.stdout)
+    assert report["ok"] is True
+    assert report["mobility"]["by_rank"] == 1
+    assert "mobility  1 by rank" in said.stdout
+
+
+def test_check_keeps_its_report_where_it_is_told(drawing, tmp_path):
+    linktwin("check", drawing, "--out", tmp_path / "kept")
+    assert json.loads((tmp_path / "kept" / "check.json").read_text())["ok"] is True
+
+
+def test_a_bad_drawing_is_refused_in_a_sentence_with_exit_code_2(drawing):
+    text = drawing.read_text().replace('"mass_kg": 0.05', '"mass_kg": -0.05')
+    drawing.write_text(text)
+    done = linktwin("check", drawing)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "bar" in done.stderr
+    assert "-0.05" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check", "nowhere.json"),
+        ("dance",),
+        ("simulate",),
+        ("export", "pyproject.toml", "--set", "cells"),
+        ("fit", "pyproject.toml"),
+    ],
+    ids=["no such file", "no such command", "no mechanism", "a setting without a value", "nothing to fit"],
+)
+def test_bad_arguments_end_with_exit_code_2_and_say_which(arguments):
+    done = linktwin(*arguments)
+    assert done.returncode == 2
+    assert done.stderr.strip()
+    assert "Traceback" not in done.stderr
+
+
+def test_an_exported_script_that_prints_leaves_the_report_clean(tmp_path):
+    script = tmp_path / "design.py"
+    design = (ROOT / "samples" / "pendulum" / "design.py").read_text(encoding="utf-8")
+    script.write_text(design + "\nprint('hello from the script')\n", encoding="utf-8")
+    done = linktwin("export", script, "--out", tmp_path / "drawn", "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["ok"] is True
+    assert Path(report["mechanism"]).is_file()
+    assert "hello from the script" in done.stderr
+
+
+def test_simulate_writes_a_motion_a_page_and_a_report(drawing, tmp_path):
+    done = linktwin("simulate", drawing, "--duration", "0.2", "--out", tmp_path / "run", "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["result"] == "done"
+    assert report["steps"] == 200
+    assert abs(report["energy_j"]["end"] - report["energy_j"]["start"]) < 1e-4 * report["energy_j"]["most_kinetic"]
+    for path in report["files"].values():
+        assert Path(path).is_file()
+
+
+def test_a_step_of_zero_is_refused(drawing):
+    done = linktwin("simulate", drawing, "--step", "0")
+    assert done.returncode == 2
+    assert "positive" in done.stderr
