@@ -1,0 +1,187 @@
+"""Questions put to every effect of the catalogue, found by looking."""
+
+import dataclasses
+import json
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from backend.effects.__main__ import VOCABULARY
+from backend.effects.catalogue import catalogue, effect_of_kind, vocabulary
+from backend.effects.effect import BodyView
+from backend.effects.shapes import (
+    AbstractBodyForce,
+    AbstractClock,
+    AbstractDrag,
+    AbstractDryFriction,
+    AbstractJointDamping,
+    AbstractJointEffort,
+    AbstractJointStop,
+    AbstractStrut,
+    AbstractView,
+)
+from tests.effects import rig
+
+EFFECTS = catalogue()
+DISSIPATIVE = (AbstractJointDamping, AbstractDryFriction, AbstractDrag, AbstractJointStop)
+
+
+def of(*shapes):
+    return [kind for kind, effect in EFFECTS.items() if issubclass(effect, shapes)]
+
+
+def example(kind):
+    """The effect alone, every parameter at a telling value."""
+    rng = np.random.default_rng(3)
+    numbers = {n: jnp.asarray(rng.uniform(0.2, 0.7, d.size).squeeze()) for n, d in EFFECTS[kind].declarations().items()}
+    return EFFECTS[kind](**numbers)
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_array_leaves_are_the_declared_parameters_and_nothing_else(kind):
+    effect = EFFECTS[kind]
+    leaves = [field.name for field in dataclasses.fields(effect)]
+    assert leaves == list(effect.declarations())
+    assert len(jax.tree.leaves(example(kind))) == len(leaves)
+    assert all(eqx.is_inexact_array(leaf) for leaf in jax.tree.leaves(example(kind)))
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_every_parameter_tells_its_meaning_and_a_default_inside_its_bounds(kind):
+    for name, declared in EFFECTS[kind].declarations().items():
+        assert declared.doc, name
+        assert declared.unit, name
+        for value in (declared.default,) if declared.default is not None else ():
+            assert declared.lower is None or value >= declared.lower
+            assert declared.upper is None or value <= declared.upper
+
+
+def test_a_kind_without_a_file_is_refused_with_the_kinds_that_have_one():
+    with pytest.raises(ValueError, match=r"'magnetism' cannot be simulated yet; simulated kinds: air_drag, "):
+        effect_of_kind("magnetism")
+
+
+def test_the_vocabulary_that_readers_of_drawings_use_is_fresh():
+    assert json.loads(VOCABULARY.read_text("utf-8")) == vocabulary(), "run: python -m backend.effects"
+
+
+@pytest.fixture(scope="module")
+def free_fall():
+    return rig.motion(rig.bare())
+
+
+def test_absent_means_zero_every_effect_at_its_default_leaves_the_motion_alone(free_fall):
+    laden = rig.motion(rig.laden())
+    # The solver leaves 1e-10 mechanism lengths a step, which a quarter of a second doubles a few times.
+    np.testing.assert_allclose(laden.path.q, free_fall.path.q, atol=1e-9)
+    np.testing.assert_allclose(laden.path.pose.position, free_fall.path.pose.position, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", of(*DISSIPATIVE))
+def test_a_dissipative_effect_only_takes_energy(kind, free_fall):
+    motion = rig.motion(rig.laden().with_parameters(rig.present(kind)))
+    wobble = np.abs(free_fall.energy - free_fall.energy[0]).max()  # a symplectic step's own h² oscillation
+    rise = np.max(motion.energy - np.minimum.accumulate(motion.energy))
+    assert rise <= 3 * wobble
+    if kind != "joint_stop":  # its ends are out of reach here; tests/physics drives into them
+        assert motion.energy[0] - motion.energy[-1] > 10 * wobble
+
+
+def test_a_damper_beside_a_spring_only_takes_energy(free_fall):
+    damper = {("extension_spring", "damping_n_s_per_m"): 0.3}
+    motion = rig.motion(rig.laden().with_parameters(damper))
+    wobble = np.abs(free_fall.energy - free_fall.energy[0]).max()
+    assert np.max(motion.energy - np.minimum.accumulate(motion.energy)) <= 3 * wobble
+    assert motion.energy[0] - motion.energy[-1] > 10 * wobble
+
+
+@pytest.mark.parametrize("kind", [k for k in of(AbstractJointEffort, AbstractStrut) if k != "effort_offset"])
+def test_a_stored_energy_moves_no_more_and_no_less_than_it_holds(kind, free_fall):
+    values = {a: v for a, v in rig.present(kind).items() if "damping" not in a[1]}
+    motion = rig.motion(rig.laden().with_parameters(values))
+    assert np.abs(motion.path.q - free_fall.path.q).max() > 1e-4  # it did something
+    assert np.ptp(motion.energy) < 1e-3 * motion.kinetic.max()  # h² (natural rate)², as in the laws
+
+
+@pytest.mark.parametrize("kind", of(AbstractJointEffort, AbstractStrut))
+def test_the_effort_is_the_slope_of_what_is_stored(kind):
+    effect, at = example(kind), jnp.asarray(0.31)
+    slope = jax.grad(effect.potential)(at)
+    if any(d.drive for d in effect.declarations().values()):
+        assert slope == 0.0  # a drive stores nothing
+    else:
+        felt = -effect.tension(at) if isinstance(effect, AbstractStrut) else effect.effort(at)
+        assert float(felt) == pytest.approx(-float(slope), rel=1e-12)
+
+
+def view(p_WC, velocity=(0.0, 0.0, 0.0)):
+    return BodyView(
+        jnp.asarray(p_WC), jnp.eye(3), jnp.asarray(velocity), jnp.zeros(3), jnp.asarray(0.3), jnp.zeros(3), jnp.eye(3)
+    )
+
+
+@pytest.mark.parametrize("kind", of(AbstractBodyForce))
+def test_a_force_on_a_body_is_the_slope_of_what_is_stored_and_has_a_reaction(kind):
+    effect, here, there = example(kind), jnp.array([0.1, 0.2, -0.3]), view([0.4, 0.0, 0.1])
+    slope = jax.grad(lambda p: effect.potential(view(p), there))(here)
+    on_a, on_b = effect.wrench(view(here), there)
+    if any(d.drive for d in effect.declarations().values()):
+        np.testing.assert_array_equal(slope, 0.0)
+        np.testing.assert_allclose(on_a.force, -on_b.force)
+        turned = on_a.torque + jnp.cross(here, on_a.force) + on_b.torque + jnp.cross(there.p_WC, on_b.force)
+        np.testing.assert_allclose(turned, 0.0, atol=1e-15)  # no torque from nothing
+    else:
+        np.testing.assert_allclose(on_a.force, -slope, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", of(AbstractDrag))
+def test_drag_never_pushes_along(kind):
+    for velocity in np.random.default_rng(5).standard_normal((5, 3)):
+        wrench = example(kind).wrench(view([0.0, 0.0, 0.0], velocity))
+        assert float(wrench.force @ velocity) < 0
+
+
+@pytest.mark.parametrize("kind", of(AbstractDryFriction))
+def test_a_friction_limit_is_linear_in_the_load_and_never_negative(kind):
+    effect, radius = example(kind), jnp.asarray(0.004)
+    limits = np.array([effect.limit(jnp.asarray(load), radius) for load in (0.0, 1.0, 2.0)])
+    assert (limits >= 0).all()
+    assert limits[2] - limits[1] == pytest.approx(limits[1] - limits[0], rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("kind", of(AbstractView))
+def test_a_perfect_camera_reports_what_is_there(kind):
+    effect = EFFECTS[kind](**{n: jnp.zeros(()) for n in EFFECTS[kind].declarations()})
+    points = np.random.default_rng(1).standard_normal((4, 3))
+    np.testing.assert_allclose(effect.view(points, jnp.array([0.0, 0.0, 1.0])), points, atol=1e-15)
+    assert np.abs(example(kind).view(points, jnp.array([0.0, 0.0, 1.0])) - points).max() > 0.1
+
+
+@pytest.mark.parametrize("kind", of(AbstractClock))
+def test_a_perfect_clock_reports_when_it_was(kind):
+    effect = EFFECTS[kind](**{n: jnp.zeros(()) for n in EFFECTS[kind].declarations()})
+    times = np.linspace(0.0, 3.0, 7)
+    np.testing.assert_array_equal(effect.true_time(times), times)
+    later = np.asarray(example(kind).true_time(times))
+    assert np.abs(later - times).max() > 0.1
+    assert (np.diff(later) > 0).all()
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    """Every scalar parameter at a telling value at once, so that each derivative meets all the others."""
+    return {address: jnp.asarray(rig.sized(address)) for address in rig.scalars()}
+
+
+@pytest.mark.parametrize("address", rig.scalars(), ids="-".join)
+def test_the_slope_in_every_parameter_agrees_with_differences(address, loaded):
+    unit = {a: jnp.asarray(float(a == address)) for a in loaded}
+    exact = np.asarray(rig.slope(rig.laden(), loaded, unit))
+    by = 1e-4 * max(abs(float(loaded[address])), 1e-3)
+    up, down = (rig.seen(rig.laden(), {**loaded, address: loaded[address] + s * by}) for s in (1, -1))
+    difference = np.asarray(up - down) / (2 * by)
+    assert np.linalg.norm(exact) > 0
+    assert np.linalg.norm(exact - difference) <= 1e-5 * np.linalg.norm(difference)

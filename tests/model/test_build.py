@@ -1,0 +1,92 @@
+"""From a drawing to arrays."""
+
+import jax
+import numpy as np
+import pytest
+
+from backend.model.build import build
+from backend.model.state import drawn_pose
+from backend.model.system import system
+from backend.simulate import points
+from tests.mechanisms import bead_on_bar, double_pendulum, effect, fourbar, pendulum, scissor, sliding_mass
+
+
+def test_bodies_stand_in_levels_so_that_joints_link_neighbours():
+    topology = build(scissor(6)).topology
+    real = [slot for slot, body in enumerate(topology.body_ids) if body is not None]
+    assert len(real) == 12
+    for a, b in topology.links:
+        if max(a, b) < topology.slots:
+            assert abs(a // topology.width - b // topology.width) <= 1
+
+
+def test_a_long_scissor_is_deep_and_narrow():
+    assert build(scissor(12)).topology.width <= 3  # the solve costs width³ per level
+
+
+def test_every_parameter_is_found_by_effect_and_name_with_its_declaration():
+    friction = effect("f", "viscous_friction", "all", damping_n_m_s_per_rad=0.02)
+    model = build(double_pendulum([friction, effect("g", "air_drag", ["lower"], drag_area_m2=1e-3)]))
+    row = model.parameters["f", "damping_n_m_s_per_rad"]
+    assert (row.kind, row.on, row.value) == ("viscous_friction", ("shoulder", "elbow"), 0.02)
+    assert (row.declaration.unit, row.declaration.lower) == ("N m s/rad", 0.0)
+    assert model.parameters["g", "drag_area_m2"].on == ("lower",)
+
+
+def test_a_parameter_can_be_replaced_without_touching_the_others():
+    friction = [effect(name, "viscous_friction", [j]) for name, j in (("f", "shoulder"), ("g", "elbow"))]
+    model = build(double_pendulum(friction))
+    changed = model.with_parameters({("g", "damping_n_m_s_per_rad"): 0.5})
+    assert changed.parameters["g", "damping_n_m_s_per_rad"].value == 0.5
+    assert changed.parameters["f", "damping_n_m_s_per_rad"].value == 0.0
+    assert model.parameters["g", "damping_n_m_s_per_rad"].value == 0.0
+
+
+def test_an_unknown_parameter_is_refused_with_those_that_exist():
+    model = build(pendulum(effects=[effect("f", "viscous_friction", ["pin"])]))
+    with pytest.raises(KeyError, match=r"no parameter 'f.grease'.*f.damping_n_m_s_per_rad"):
+        model.with_parameters({("f", "grease"): 1.0})
+
+
+def test_pin_friction_without_a_pin_size_is_refused():
+    drawn = pendulum()
+    bare = drawn.model_copy(update={"joints": tuple(j.model_copy(update={"fit": None}) for j in drawn.joints)})
+    with pytest.raises(ValueError, match=r"'f'.*joint 'pin' needs the pin's size.*pin_diameter_m"):
+        build(bare, [effect("f", "pin_friction", ["pin"])])
+
+
+def test_an_effect_that_a_joint_cannot_have_is_refused():
+    with pytest.raises(ValueError, match=r"'s': torsion_spring cannot act at prismatic joint 'rail'"):
+        build(sliding_mass(), [effect("s", "torsion_spring", ["rail"])])
+
+
+def test_an_effect_on_all_acts_where_it_can():
+    model = build(bead_on_bar([effect("p", "pin_friction", "all"), effect("v", "viscous_friction", "all")]))
+    on = {id: row.on for (id, _), row in model.parameters.items()}
+    assert on == {"p": ("pin",), "v": ("pin", "rail")}
+
+
+def test_two_effects_of_one_id_are_refused():
+    again = effect("f", "viscous_friction", ["pin"])
+    with pytest.raises(ValueError, match="'f' is used twice"):
+        build(pendulum(effects=[again]), [again])
+
+
+def test_markers_start_where_they_are_drawn():
+    model = build(fourbar())
+    plant = system(model)
+    at = points.marker_positions(model, plant, drawn_pose(model, plant))
+    np.testing.assert_allclose(at, [[0.28, 0.2, 0.0]], atol=1e-15)
+
+
+def test_two_drawings_of_one_topology_share_one_compiled_program():
+    traces = []
+
+    @jax.jit
+    def mass(model):
+        traces.append(model.topology)
+        return system(model).mass
+
+    light, heavy = build(fourbar()), build(fourbar(coupler_to=(0.3, 0.18), density=0.9))
+    assert mass(light).sum() < mass(heavy).sum()
+    assert len(traces) == 1
