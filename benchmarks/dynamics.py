@@ -82,7 +82,7 @@ def mujoco_cost(cells: int) -> str:
         from benchmarks.mujoco_scissor import time_mujoco_scissor
     except ImportError:
         return "-"
-    return f"{time_mujoco_scissor(cells)['us_per_step']:.0f}"
+    return f"{time_mujoco_scissor(cells)['step_us']:.0f}"
 
 
 def derivative_cost(cells: int) -> None:
