@@ -67,24 +67,25 @@ def label_dots(
     if len(fixed) == len(names):
         return fixed
     held = np.array([fixed.get(n, -1) for n in names])
-    answers = []
-    for moved in _placings(expected, dots, held):
-        index = _assign(moved, dots, held)
-        fit = _similar(expected, dots[index]) if len(names) > 2 else moved
+    as_drawn, *elsewhere = _placings(expected, dots, held)
+    index = _assign(as_drawn, dots, held)
+    unclear = _doubtful(as_drawn, dots, index, held)
+    if not unclear:
+        return dict(zip(names, index.tolist(), strict=True))
+    sound: list[tuple[float, tuple[int, ...]]] = []
+    for moved in elsewhere:
+        fit = _similar(moved, dots[_assign(moved, dots, held)])
         index = _assign(fit, dots, held)
-        doubtful = _doubtful(moved if not answers else fit, dots, index, held)
-        answers.append((doubtful, float(np.sqrt(((fit - dots[index]) ** 2).sum(1).mean())), index))
-        if len(answers) == 1 and not doubtful:
-            return dict(zip(names, index.tolist(), strict=True))  # the drawn place itself is clear
-    sound = sorted((rms, tuple(index.tolist())) for doubtful, rms, index in answers if not doubtful)
+        if not _doubtful(fit, dots, index, held):
+            sound.append((float(np.sqrt(((fit - dots[index]) ** 2).sum(1).mean())), tuple(index.tolist())))
+    sound.sort()
     if sound:
         rivals = [rms for rms, index in sound if index != sound[0][1]]
         if not rivals or rivals[0] > RIVAL * sound[0][0] + 1.0:
             return dict(zip(names, sound[0][1], strict=True))
-    unclear = [names[k] for k in answers[0][0]]  # as drawn; clicking these settles it
     raise TrackingError(
         f"{len(names)} markers are drawn and {len(dots)} dots are seen, but it is doubtful which dots are "
-        f"{', '.join(unclear)}. Start the clip at the drawn pose, or click these dots."
+        f"{', '.join(names[k] for k in unclear)}. Start the clip at the drawn pose, or click these dots."
     )
 
 

@@ -16,16 +16,15 @@ from backend.observe.bed import Bed, read_bed
 from backend.observe.detect import Detections, detect
 from backend.observe.dots import DotLook, learn_look
 from backend.observe.label import drawn_positions, label_dots
+from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import AbstractView, calibrate
 from backend.observe.track import ConstantVelocity, Tracker
 from backend.observe.tracking_error import TrackingError
-from backend.observe.uncertainty import point_covariance
 from backend.observe.video import Frame, Video
-from backend.observe.write import tracks_table, write_tracks
+from backend.observe.write import write_tracks
 
 GREATEST_ACCELERATION = 60.0  # m/s^2: six g, beyond what springs and hands do to a linkage on a table
-COAST_SHARE = 1 / 3  # a prediction's error, as a part of the greatest that the gate allows
 
 
 @dataclass(frozen=True)
@@ -37,18 +36,6 @@ class TrackResult:
     tracks_path: Path
     summary_path: Path
     preview_path: Path | None
-
-
-@dataclass
-class _Record:
-    """What was seen, frame by frame."""
-
-    times_s: list[float]
-    frames: list[int]
-    px: list[np.ndarray]
-    cov: list[np.ndarray]
-    expected: list[np.ndarray]
-    status: list[np.ndarray]
 
 
 def track_video(
@@ -105,8 +92,8 @@ def track_video(
     finally:
         if painter:
             painter.close()
-    table = _place(seen, list(drawn), look, view, bed, heights, slope, coast_s)
-    px = np.concatenate([p[np.isfinite(p[:, 0])] for p in seen.px])
+    table = place(seen, list(drawn), look, view, bed, heights, GREATEST_ACCELERATION / slope, coast_s)
+    px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
     summary = summarise(video, table, look, view, bed, slope, len(strangers), warnings, (width_px, height_px))
     tracks_path = write_tracks(table, out / "tracks.csv")
@@ -155,7 +142,7 @@ def _follow(
     painter: Preview | None,
     progress: Callable[[int, int], None] | None,
     count: int,
-) -> _Record:
+) -> Record:
     """Carry the names of the first picture through the clip; `order` lists each dot's first detection."""
     own, start = len(names), found.px[order]
     tracker = Tracker(
@@ -165,7 +152,7 @@ def _follow(
         1.5 * look.ring_px,
         GREATEST_ACCELERATION / slope,
     )
-    seen = _Record([], [], [], [], [], [])
+    seen = Record(count, own)
     frame: Frame | None = first
     while frame is not None:
         if frame is first:
@@ -173,54 +160,11 @@ def _follow(
         else:
             found = detect(frame, look)
             index, expected = tracker.follow(frame.time_s, found)
-        hit, k = index[:own] >= 0, index[:own]
-        px, cov = np.full((own, 2), np.nan), np.full((own, 2, 2), np.nan)
-        px[hit], cov[hit] = found.px[k[hit]], found.cov_px2[k[hit]]
-        status = np.full(own, "occluded", object)
-        status[hit] = np.where(found.whole[k[hit]], "observed", "outlier")
-        seen.times_s.append(frame.time_s)
-        seen.frames.append(frame.index)
-        for column, value in (("px", px), ("cov", cov), ("expected", expected[:own]), ("status", status)):
-            getattr(seen, column).append(value)
+        seen.add(frame.time_s, frame.index, index[:own], found, expected[:own])
         if painter:
-            painter.show(frame, names, np.where(hit[:, None], px, expected[:own]), status.tolist(), look.ring_px)
+            shown = np.where(index[:own, None] >= 0, seen.px[-1], expected[:own])
+            painter.show(frame, names, shown, seen.status[-1].tolist(), look.ring_px)
         if progress:
             progress(frame.index + 1, count)
         frame = next(pictures, None)
     return seen
-
-
-def _place(
-    seen: _Record,
-    names: list[str],
-    look: DotLook,
-    view: AbstractView,
-    bed: Bed,
-    heights: np.ndarray,
-    slope: float,
-    coast_s: float,
-) -> pd.DataFrame:
-    """Put every point on the bed, with the standard deviation that its pixels' covariance gives it."""
-    times, px, status = np.array(seen.times_s), np.array(seen.px), np.array(seen.status)
-    whole = status == "observed"
-    cov = point_covariance(times, px, np.array(seen.cov), whole)
-    partly = status == "outlier"
-    # A dot of which half is covered has its centroid 0.42 radii off.
-    cov[partly] += (0.5 * look.radius_px) ** 2 * np.eye(2)
-    if coast_s > 0:
-        last = np.maximum.accumulate(np.where(np.isfinite(px[..., 0]), times[:, None], -np.inf), axis=0)
-        gap = times[:, None] - last
-        fill = (status == "occluded") & (gap <= coast_s)
-        px[fill], status[fill] = np.array(seen.expected)[fill], "predicted"
-        drift = COAST_SHARE * 0.5 * GREATEST_ACCELERATION / slope * gap[fill] ** 2
-        cov[fill] = (drift**2 + 1.0)[:, None, None] * np.eye(2)
-    seen_xy, each = px.reshape(-1, 2), np.tile(heights, len(times))
-    world = bed.plane.to_world(view.metres(seen_xy, each))
-    world[~np.isfinite(seen_xy[:, 0])] = np.nan
-    J = view.slope(seen_xy, each)
-    cov_m2 = J @ cov.reshape(-1, 2, 2) @ J.swapaxes(1, 2)
-    sigma = np.sqrt(np.trace(cov_m2, axis1=1, axis2=2) / 2)
-    shape = whole.shape
-    return tracks_table(
-        names, times, np.array(seen.frames), world.reshape(*shape, 3), sigma.reshape(shape), px, cov, status
-    )

@@ -23,6 +23,7 @@ from backend.observe.timestamps import check_times
 from backend.observe.tracking_error import TrackingError
 
 THREADS = min(4, os.cpu_count() or 1)  # each decoding thread holds a frame
+LOST_AT_START = 16  # frames: the reach of a group of pictures that refer to each other
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ class Video:
                     picture = next(pictures, None)
                 except FFmpegError:
                     picture = None
-                if picture is None:
+                if picture is None or read == self.frame_count:
                     break
                 if picture.pts is None or picture.is_corrupt or picture.time is None:
                     continue
@@ -157,12 +158,12 @@ class Video:
                 last = time_s
                 yield upright(picture, read, time_s)
                 read += 1
-        if read < self.frame_count and not (self.truncated and self.keep_truncated):
-            # A few leading frames of a trimmed clip lean on pictures that were cut away; losing more is damage.
-            if read < self.frame_count - 16:
-                self._report(read)
-        elif self.truncated:
+        missing = self.frame_count - read
+        # The first frames of a trimmed clip may lean on pictures that were cut away; losing more is damage.
+        if self.truncated or missing > LOST_AT_START:
             self._report(read)
+        elif missing:
+            self.warnings.append(f"{missing} of {self.frame_count} frames of {self.name} could not be decoded.")
 
 
 def upright(picture: VideoFrame, index: int, time_s: float) -> Frame:

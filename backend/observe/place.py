@@ -1,0 +1,112 @@
+"""What was seen, frame by frame, and its place in the world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float, Int
+
+from backend.observe.bed import Bed
+from backend.observe.detect import Detections
+from backend.observe.dots import DotLook
+from backend.observe.project import AbstractView
+from backend.observe.uncertainty import point_covariance
+from backend.observe.write import tracks_table
+
+STATUSES = np.array(["observed", "outlier", "occluded", "predicted"], object)
+COAST_SHARE = 1 / 3  # a prediction's error, as a part of the greatest that the tracker's gate allows
+
+
+class Record:
+    """Points of every frame so far, in arrays laid out at the start: a minute at 240 frames a second is long."""
+
+    def __init__(self, frames: int, markers: int):
+        self.length = 0
+        self._time_s, self._frame = np.zeros(frames), np.zeros(frames, int)
+        self._px = np.full((frames, markers, 2), np.nan)
+        self._cov = np.full((frames, markers, 2, 2), np.nan, np.float32)
+        self._expected = np.full((frames, markers, 2), np.nan, np.float32)
+        self._state = np.full((frames, markers), 2, np.int8)
+
+    def add(
+        self,
+        time_s: float,
+        frame: int,
+        index: Int[np.ndarray, "marker"],
+        found: Detections,
+        expected_px: Float[np.ndarray, "marker 2"],
+    ) -> None:
+        """Note one frame: the detection of each marker (-1: none) and where it was expected."""
+        n, seen = self.length, index >= 0
+        self._time_s[n], self._frame[n], self._expected[n] = time_s, frame, expected_px
+        self._px[n, seen], self._cov[n, seen] = found.px[index[seen]], found.cov_px2[index[seen]]
+        self._state[n, seen] = np.where(found.whole[index[seen]], 0, 1)
+        self.length += 1
+
+    @property
+    def times_s(self) -> Float[np.ndarray, "frame"]:
+        """Time of each frame [s]."""
+        return self._time_s[: self.length]
+
+    @property
+    def frames(self) -> Int[np.ndarray, "frame"]:
+        """Number of each frame in the clip."""
+        return self._frame[: self.length]
+
+    @property
+    def px(self) -> Float[np.ndarray, "frame marker 2"]:
+        """Where each marker was seen [px]; NaN where it was not."""
+        return self._px[: self.length]
+
+    @property
+    def expected_px(self) -> Float[np.ndarray, "frame marker 2"]:
+        """Where each marker was expected [px]."""
+        return self._expected[: self.length]
+
+    @property
+    def cov_px2(self) -> Float[np.ndarray, "frame marker 2 2"]:
+        """What each picture's noise alone does to each place [px^2]."""
+        return self._cov[: self.length]
+
+    @property
+    def status(self) -> np.ndarray:
+        """observed, outlier or occluded, (frame, marker)."""
+        return STATUSES[self._state[: self.length]]
+
+
+def place(
+    seen: Record,
+    names: Sequence[str],
+    look: DotLook,
+    view: AbstractView,
+    bed: Bed,
+    heights_m: Float[np.ndarray, "marker"],
+    acceleration_px_per_s2: float,
+    coast_s: float,
+) -> pd.DataFrame:
+    """The table of tracks: every point on the bed, with the deviation that its pixels' covariance gives it.
+
+    heights_m: of each marker above the marks' plane.  coast_s: gaps up to this long hold predictions, whose
+    error is a third of the distance that the greatest acceleration would have carried the dot.
+    """
+    times, px, status = seen.times_s, seen.px.copy(), seen.status
+    cov = point_covariance(times, px, seen.cov_px2, status == "observed")
+    # A dot of which half is covered has its centroid 0.42 radii off.
+    cov[status == "outlier"] += (0.5 * look.radius_px) ** 2 * np.eye(2)
+    if coast_s > 0:
+        last = np.maximum.accumulate(np.where(np.isfinite(px[..., 0]), times[:, None], -np.inf), axis=0)
+        gap = times[:, None] - last
+        fill = (status == "occluded") & (gap <= coast_s)
+        px[fill], status[fill] = seen.expected_px[fill], "predicted"
+        drift = COAST_SHARE * 0.5 * acceleration_px_per_s2 * gap[fill] ** 2
+        cov[fill] = (drift**2 + 1.0)[:, None, None] * np.eye(2)
+    world, sigma = np.full((*status.shape, 3), np.nan), np.full(status.shape, np.nan)
+    for m in range(len(names)):
+        known = np.isfinite(px[:, m, 0])
+        height = np.full(known.sum(), heights_m[m])
+        world[known, m] = bed.plane.to_world(view.metres(px[known, m], height))
+        J = view.slope(px[known, m], height)
+        sigma[known, m] = np.sqrt(np.einsum("nij,njk,nik->n", J, cov[known, m], J) / 2)
+    return tracks_table(names, times, seen.frames, world, sigma, px, cov, status)
