@@ -9,6 +9,7 @@ import os
 import sys
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
@@ -60,9 +61,7 @@ def link_angles(result: FitResult, experiment: str) -> tuple[np.ndarray, np.ndar
 
     def angles(values) -> np.ndarray:
         chain = [values(of[f"marker:{m}"]) for m in ("pivot", "elbow", "tip")]
-        return np.stack(
-            [np.arctan2(b[:, 0] - a[:, 0], -(b[:, 1] - a[:, 1])) for a, b in zip(chain, chain[1:], strict=False)]
-        )
+        return np.stack([np.arctan2(b[:, 0] - a[:, 0], -(b[:, 1] - a[:, 1])) for a, b in pairwise(chain)])
 
     return angles(lambda o: _xz(o, o.measured)), angles(lambda o: _xz(o, o.after))
 

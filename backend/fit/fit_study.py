@@ -110,7 +110,9 @@ def default_step(study: Study, model: Model) -> float:
     for e in study.experiments:
         for table, key in ((e.joint_positions, "joint"), (e.tracks, "marker"), (e.joint_efforts, "joint")):
             if table is not None:
-                gaps += [float(g["time_s"].diff().median()) for _, g in table.groupby(key)]
+                gaps += [
+                    float(np.median(np.diff(g["time_s"].to_numpy(float)))) for _, g in table.groupby(key) if len(g) > 1
+                ]
     return min(g for g in gaps if g > 0)
 
 
@@ -118,7 +120,9 @@ class _Search:
     """The stages of one fit, with one history."""
 
     def __init__(self, residuals: Residuals, optimiser: Optimiser, loss: LossName, most: int, tell, cancelled):
-        self.residuals, self.optimiser, self.loss, self.most = residuals, optimiser, loss, most
+        self.residuals, self.most = residuals, most
+        self.optimiser: Optimiser = optimiser
+        self.loss: LossName = loss
         self.tell, self.cancelled = tell, cancelled
         self.history: list[Iteration] = []
 
@@ -126,25 +130,23 @@ class _Search:
         """Fit the first part of every record, then longer ones, then all."""
         for stage, fraction in enumerate(horizons):
             words = f"fitting the first {100 * fraction:.0f}%"
-            found = self._solve(x, fraction, 0.1 + 0.15 * stage / len(horizons), words, 12, 1e-4)
+            found = self._solve(x, fraction, 0.1 + 0.15 * stage / len(horizons), words, 12, 1e-3)
             if found.status == "cancelled":
-                return found
+                return self._reweighted(found)
             x = found.x if np.isfinite(found.objective) else x
         return self.at_full_length(x)
 
     def at_full_length(self, x: np.ndarray) -> Solution:
         """Fit whole records until the misfit that weighs them stops changing."""
-        before = np.inf
         found = None
-        for _ in range(4):
-            found = self._solve(x, 1.0, 0.3, "fitting whole records", self.most, 1e-7)
+        for ftol in (1e-3, 1e-6, 1e-6, 1e-6):
+            found = self._solve(x, 1.0, 0.3, "fitting whole records", self.most, ftol)
             x = found.x
             if found.status in ("cancelled", "not_finite_at_start"):
-                return found
-            after = self.residuals.spread
-            if abs(self.residuals.learn_spread(x) - after) < 0.02 * after or before == after == 1.0:
                 break
-            before = after
+            weighed = self.residuals.spread
+            if abs(self.residuals.learn_spread(x) - weighed) < 0.02 * weighed and ftol < 1e-3:
+                break
         return self._reweighted(found)
 
     def _reweighted(self, found: Solution | None) -> Solution:
@@ -175,7 +177,7 @@ def _profiles(residuals: Residuals, solution: Solution, u: Uncertainty, p: int, 
         tell(0.7 + 0.2 * j / p, f"profile of {name}")
         if np.isfinite(u.sd[j]):
             found[name] = profile_interval(
-                problem, solution, j, u.covariance, float(u.noise_sd[j]), max_points=3, max_iterations=3,
+                problem, solution, j, u.covariance, float(u.noise_sd[j]), max_points=3, max_iterations=2,
                 cancelled=cancelled,
             )  # fmt: skip
     return found

@@ -23,8 +23,8 @@ class Uncertainty:
     """Everything local that the Jacobian and the residuals say, per parameter (p).
 
     information: curvature of the objective along each parameter alone, others fixed. covariance: inflated for
-    misfit (see `misfit`); noise_sd: what white noise of `spread` sigmas would leave. chi_square_per_point: 1 when the model fits
-    to the noise.
+    misfit (see `misfit`); noise_sd: what white noise of `spread` sigmas would leave. chi_square_per_point: 1
+    when the model fits to the noise.
     """
 
     names: tuple[str, ...]
@@ -181,7 +181,7 @@ def profile_interval(
             return x
 
         held = LeastSquares(
-            [problem.names[i] for i in others.tolist()],
+            [problem.names[int(i)] for i in others],
             lambda y: weights * problem.residual(full(y)),
             lambda y: _drop(problem.linearise(full(y)), weights, others),
             problem.lower[others], problem.upper[others], problem.scale[others],
@@ -195,42 +195,42 @@ def profile_interval(
         base = 0.5 * float(np.sum((weights * solution.residual) ** 2))
         return 2.0 * (objective - base) / inflation, best
 
-    ends: list[float | None] = []
-    slope = covariance[others, j] / covariance[j, j]
-    for sign, bound in ((-1.0, problem.lower[j]), (1.0, problem.upper[j])):
-        inner, outer, step = 0.0, np.inf, Z95 * sd
-        end: float | None = None
-        root_inner, root_outer = 0.0, np.inf
-        guess = solution.x[others]
+    def end(sign: float, bound: float) -> float | None:
+        """Where the root of the deviance, straight for a quadratic, reaches 1.96; None if the bound is nearer."""
+        reach = abs(bound - solution.x[j])
+        inner, outer = (0.0, 0.0), None  # (step, root deviance) this side of the end, and beyond it
+        step = min(Z95 * sd, reach)
+        guess = np.clip(solution.x[others] + sign * step * slope, problem.lower[others], problem.upper[others])
         for _ in range(max_points):
             if cancelled is not None and cancelled():
                 break
-            reach = abs(bound - solution.x[j])
-            step = min(step, reach)
             value = float(solution.x[j] + sign * step)
-            if inner == 0.0:
-                guess = np.clip(solution.x[others] + sign * step * slope, problem.lower[others], problem.upper[others])
             d, guess = deviance(value, guess)
             points.append((value, d))
-            z = np.sqrt(max(d, 0.0))
-            if abs(z - Z95) < 0.03 * Z95:
-                end = value
-                break
-            if z < Z95 and step >= reach:
-                break
-            if z < Z95:
-                inner, root_inner = step, z
+            root = np.sqrt(max(d, 0.0))
+            if root < Z95:
+                if step >= reach:
+                    return None
+                inner = (step, root)
             else:
-                outer, root_outer = step, z
-            if np.isfinite(outer):  # secant on the signed root deviance, which is straight for a quadratic
-                step = inner + (outer - inner) * (Z95 - root_inner) / (root_outer - root_inner)
-            else:
-                step = step * min(max(Z95 / max(z, 1e-3), 1.1), 4.0)
-            if np.isfinite(outer) and outer - inner < 0.02 * outer:
-                end = float(solution.x[j] + sign * step)
+                outer = (step, root)
+            step = _aim(inner, outer, reach)
+            if abs(root - Z95) < 0.03 * Z95:
                 break
-        ends.append(end)
-    return Profile(problem.names[j], ends[0], ends[1], tuple(sorted(points)))
+        return float(solution.x[j] + sign * step)
+
+    slope = covariance[others, j] / covariance[j, j]
+    lower, upper = end(-1.0, problem.lower[j]), end(1.0, problem.upper[j])
+    return Profile(problem.names[j], lower, upper, tuple(sorted(points)))
+
+
+def _aim(inner: tuple[float, float], outer: tuple[float, float] | None, reach: float) -> float:
+    """The step at which the root deviance should be 1.96: between two known steps, or on from the last."""
+    (near, low) = inner
+    if outer is not None:
+        far, high = outer
+        return near + (far - near) * (Z95 - low) / (high - low)
+    return min(near * min(Z95 / max(low, 1e-3), 4.0), reach)
 
 
 def _drop(linearised, weights, others):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -97,20 +98,25 @@ def _series(experiment: Experiment, mechanism: Mechanism) -> Iterator[tuple]:
     joints, markers = [j.id for j in mechanism.joints], [m.id for m in mechanism.markers]
     turning = {j.id: j.type != "prismatic" for j in mechanism.joints}
     if (table := experiment.joint_positions) is not None:
-        for id, rows in table.groupby("joint", sort=False):
+        for id, rows in _groups(table, "joint"):
             unit = "rad" if turning[id] else "m"
             yield (f"joint:{id}", "q", joints.index(id), unit, *_columns(rows, "q", "sigma"))
     if (table := experiment.tracks) is not None:
         table = table[table["status"].isin(("ok", "observed"))] if "status" in table else table
-        for id, rows in table.groupby("marker", sort=False):
+        for id, rows in _groups(table, "marker"):
             for axis, name in enumerate(AXES):
                 column = len(joints) + 3 * markers.index(id) + axis
                 yield (f"marker:{id}", name, column, "m", *_columns(rows, name, "sigma_m"))
     if (table := experiment.joint_efforts) is not None:
-        for id, rows in table.groupby("joint", sort=False):
+        for id, rows in _groups(table, "joint"):
             column = len(joints) + 3 * len(markers) + joints.index(id)
             unit = "N m" if turning[id] else "N"
             yield (f"joint:{id}", "effort", column, unit, *_columns(rows, "effort", "sigma"))
+
+
+def _groups(table, key: str) -> Iterator[tuple[str, Any]]:
+    for id, rows in table.groupby(key, sort=False):
+        yield str(id), rows
 
 
 def _columns(rows, value: str, sigma: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -16,6 +16,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
+from backend.fit.noise import lag_one
+
 MEMORY = 0.97  # prewhitening coefficients beyond this explode the recolouring (Andrews and Monahan 1992)
 
 
@@ -31,14 +33,24 @@ def misfit_covariance(
     run: which experiment a row belongs to, -1 for a prior (taken at its word). instant: order in time;
     rows of one run with one instant are summed. noise_only: (J'J + priors)^-1.
     """
-    p = J.shape[1]
-    S = J[run < 0].T @ J[run < 0]
-    for label in np.unique(run[run >= 0]):
+    p, data = J.shape[1], run >= 0
+    S, independent = np.zeros((p, p)), 0.0
+    for label in np.unique(run[data]):
         rows = run == label
-        S = S + long_run_covariance(_scores(J[rows], r[rows], instant[rows]))
-    data = int(np.sum(run >= 0))
-    S *= data / max(data - p, 1)
-    return _largest(noise_only, noise_only @ S @ noise_only)
+        scores = _scores(J[rows], r[rows], instant[rows])
+        S = S + long_run_covariance(scores)
+        independent += _independent(r[rows])
+    # Fitting p parameters used up as many of the residuals' independent pieces.
+    S = S * min(independent / max(independent - p, 1.0), 4.0) + J[~data].T @ J[~data]
+    count = int(data.sum())
+    white = max(float(r[data] @ r[data]) / max(count - p, 1), 1.0) * noise_only
+    return _largest(white, noise_only @ S @ noise_only)
+
+
+def _independent(r: Float[np.ndarray, " n"]) -> float:
+    """Number of independent samples in an AR(1) series (Bartlett 1935)."""
+    a = max(lag_one(r), 0.0)
+    return r.size * (1.0 - a) / (1.0 + a)
 
 
 def _scores(J, r, instant) -> Float[np.ndarray, "t p"]:

@@ -42,7 +42,7 @@ def channel_noise(
         return Noise(given, "given")
     estimate, source = _estimate(time_s, value, release_s)
     estimate = max(estimate, quantum(value) / np.sqrt(12.0))
-    if estimate == 0.0:
+    if np.ptp(value) == 0.0:
         raise ValueError("The channel does not vary at all, so its noise cannot be estimated. Give sigma in the data.")
     return Noise(np.where(known, given, estimate), source)
 
@@ -76,8 +76,8 @@ def third_difference_sigma(time_s: Float[np.ndarray, " n"], value: Float[np.ndar
 def quantum(value: Float[np.ndarray, " n"]) -> float:
     """The step of a quantised channel, or 0 when its values are not multiples of one step.
 
-    A step counts when the differences of all distinct values are whole multiples of the smallest one,
-    to 5%, and values repeat (white noise on a continuous channel never repeats).
+    A step counts when the differences of all distinct values are whole multiples of it, to 5%, and values
+    repeat (white noise on a continuous channel never does).
     """
     levels = np.unique(value)
     if levels.size < 2 or levels.size > 0.9 * value.size:
@@ -87,7 +87,10 @@ def quantum(value: Float[np.ndarray, " n"]) -> float:
     if not np.isfinite(smallest):
         return 0.0
     few = steps[steps < 20.0 * smallest] / smallest  # rounding in the file blurs large multiples
-    return smallest if np.all(np.abs(few - np.round(few)) < 0.05) else 0.0
+    for parts in range(1, 11):  # a channel that moves fast skips counts: its smallest difference holds several
+        if np.all(np.abs(parts * few - np.round(parts * few)) < 0.05):
+            return smallest / parts
+    return 0.0
 
 
 def lag_one(residual: Float[np.ndarray, " n"]) -> float:

@@ -114,8 +114,15 @@ def columns(model: Model, made: System, motion: Trajectory) -> tuple[Array, Arra
             (marker_velocities(model, made, motion),),
         )
         parts.append((path.reshape(nodes, -1), velocity.reshape(nodes, -1)))
-    parts.append((effort, jnp.gradient(effort, motion.time_s[1] - motion.time_s[0], axis=0)))
+    parts.append((effort, _slope(effort, motion.time_s)))
     return jnp.concatenate([v for v, _ in parts], 1), jnp.concatenate([s for _, s in parts], 1)
+
+
+def _slope(value: Float[Array, "nodes joints"], time_s: Float[Array, " nodes"]) -> Float[Array, "nodes joints"]:
+    """Central differences; one-sided at the ends."""
+    at = jnp.arange(value.shape[0])
+    after, before = jnp.clip(at + 1, 0, at[-1]), jnp.clip(at - 1, 0, at[-1])
+    return (value[after] - value[before]) / (time_s[after] - time_s[before])[:, None]
 
 
 def _effort(made: System, motion: Trajectory) -> Float[Array, "nodes joints"]:

@@ -57,8 +57,8 @@ def moving(
 ) -> ChannelStart:
     """Weighted local polynomial over [release, release + window], read off at the release.
 
-    Degree 3, less where samples are few. A window longer than a cubic can follow is halved until it can (rms
-    below 2 sigma) or few samples are left. Raises ValueError with fewer than two samples in the window.
+    Degree 3, less where samples are few. A window longer than a cubic can follow is halved until it can (chi
+    within three of its own sd) or few samples are left. Raises ValueError with fewer than two samples in the window.
     """
     span, found = window_s, None
     while True:
@@ -72,7 +72,7 @@ def moving(
                 "Lengthen release.window_s."
             )
         found, miss = _cubic((time_s[inside] - release_s) / span, value[inside], sigma[inside], span)
-        if miss < 2.0:
+        if miss < 1.0 + 3.0 / np.sqrt(2.0 * max(n - DEGREE - 1, 1)):
             return found
         span *= 0.5
 

@@ -11,7 +11,7 @@ A residual that is not finite (a simulation that ran away) rejects the step; it 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -26,7 +26,7 @@ Optimiser = Literal["lm", "lbfgsb"]
 
 # Sticking and impacts make a simulated residual rough at a fine scale: each reversal falls into another step.
 # There the exact derivative is not the slope that counts, and steps go on gaining next to nothing.
-PATIENCE = 4  # accepted steps that together must gain
+PATIENCE = 3  # accepted steps that together must gain
 ROUGH = 2e-4  # this share of the objective; the sd of a parameter moves it by 1/n for n samples
 STILL_IMPROVING = "Stopped after {} iterations, still improving. Allow more iterations or free fewer parameters."
 NO_STEP_ROUGH = "Converged as far as the simulation is smooth: no step lowers the objective further."
@@ -136,10 +136,20 @@ def solve(
             "Start from other values, shorten the horizon, or use a smaller step.",
             _at_bound(problem, x), (), 1,
         )  # fmt: skip
-    if loss != "linear":
-        cost.spread = bulk_spread(r[: problem.data_rows])
     search = _levenberg_marquardt if optimiser == "lm" else _lbfgsb
-    return search(problem, cost, x, r, J, max_iterations, ftol, gtol, progress, cancelled)
+    rest = (max_iterations, ftol, gtol, progress, cancelled)
+    if loss == "linear":
+        return search(problem, cost, x, r, J, *rest)
+    # The loss is as wide as the bulk of the residuals, which is known only once they fit: a few rounds settle it.
+    history: tuple[Iteration, ...] = ()
+    while True:
+        cost.spread = max(bulk_spread(r[: problem.data_rows]), 1.0)
+        found = search(problem, cost, x, r, J, *rest)
+        history += tuple(replace(i, iteration=len(history) + k) for k, i in enumerate(found.history))
+        found, x, r, J = replace(found, history=history), found.x, found.residual, found.jacobian
+        after = max(bulk_spread(r[: problem.data_rows]), 1.0)
+        if not found.converged or len(history) > max_iterations or after > 0.95 * cost.spread:
+            return found
 
 
 def _at_bound(problem: LeastSquares, x: Vector) -> tuple[bool, ...]:

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+
+from backend.fit.free import free_parameters
+from backend.mechanism.read import parse_mechanism
+from backend.mechanism.study import Tolerance
+
+UNIT = {"position_m": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}
+SOLID = {
+    "mass_kg": 1.0,
+    "center_of_mass_m": [0, 0, 0],
+    "inertia_kg_m2": {"xx": 1, "yy": 1, "zz": 1, "xy": 0, "xz": 0, "yz": 0},
+}
+
+
+@pytest.fixture(scope="module")
+def mechanism():
+    """Two turning joints in a chain with a slider at its end, and a spring drawn."""
+    bodies = [{"id": "ground", "fixed": True, "pose": UNIT}]
+    bodies += [{"id": b, "pose": UNIT, "inertial": SOLID} for b in ("link1", "link2", "block")]
+    chain = [("j1", "revolute"), ("j2", "revolute"), ("slide", "prismatic")]
+    ids = [b["id"] for b in bodies]
+    joints = [
+        {"id": j, "type": t, "body_a": a, "body_b": b, "frame_a": UNIT, "frame_b": UNIT}
+        for (j, t), a, b in zip(chain, ids, ids[1:], strict=False)
+    ]
+    effects = [
+        {"id": "s1", "kind": "extension_spring", "on": ["block", "ground"],
+         "parameters": {"anchor_a_m": [0, 0, 0], "anchor_b_m": [1, 0, 0], "stiffness_n_per_m": 200.0}},
+        {"id": "grease", "kind": "viscous_friction", "on": ["j1"], "parameters": {"damping_n_m_s_per_rad": 0.3}},
+    ]  # fmt: skip
+    return parse_mechanism(
+        {"schema_version": "1.0", "name": "chain", "gravity_m_per_s2": [0, 0, -9.81], "bodies": bodies,
+         "joints": joints, "effects": effects, "markers": [],
+         "provenance": {"tool": "t", "tool_version": "1", "exporter": "e", "exporter_version": "1",
+                        "created": "2026-01-01T00:00:00Z", "warnings": []}}
+    )  # fmt: skip
+
+
+def names(mechanism, *specs):
+    return [p.name for p in free_parameters(mechanism, specs).parameters]
+
+
+def test_a_star_frees_every_joint_on_its_own_in_the_unit_of_its_kind(mechanism):
+    assert names(mechanism, "coulomb_friction:*") == [
+        "coulomb_friction:j1.friction_torque_n_m",
+        "coulomb_friction:j2.friction_torque_n_m",
+        "coulomb_friction:slide.friction_force_n",
+    ]
+
+
+def test_all_shares_one_value_per_unit(mechanism):
+    torque, force = free_parameters(mechanism, ["coulomb_friction:all"]).parameters
+    assert torque.name == "coulomb_friction:all.friction_torque_n_m"
+    assert len(torque.addresses) == 2
+    assert len(force.addresses) == 1
+
+
+def test_a_plus_shares_one_value_among_those_named(mechanism):
+    (shared,) = free_parameters(mechanism, ["air_drag:link1+link2"]).parameters
+    assert shared.on == ("link1", "link2")
+    assert len(shared.addresses) == 2
+
+
+def test_commas_and_repeats_say_the_same(mechanism):
+    assert names(mechanism, "viscous_friction:j1,air_drag:link2") == names(
+        mechanism, "viscous_friction:j1", "air_drag:link2"
+    )
+
+
+def test_a_drawn_effect_is_freed_in_place_from_its_drawn_value(mechanism):
+    freedom = free_parameters(mechanism, ["viscous_friction:j1", "extension_spring:s1.stiffness_n_per_m"])
+    assert [p.start for p in freedom.parameters] == [0.3, 200.0]
+    assert [p.addresses[0][0] for p in freedom.parameters] == ["grease", "s1"]
+    assert freedom.added == ()
+
+
+def test_an_absent_effect_is_added_at_values_that_mean_absent(mechanism):
+    freedom = free_parameters(mechanism, ["coulomb_friction:j2"])
+    assert freedom.parameters[0].start == 0.0
+    assert freedom.parameters[0].lower == 0.0
+    assert freedom.parameters[0].upper == np.inf
+    assert [(e.kind, e.on) for e in freedom.added] == [("coulomb_friction", ("j2",))]
+
+
+def test_the_camera_needs_no_place(mechanism):
+    assert names(mechanism, "camera_rotation") == ["camera_rotation:camera.rad"]
+
+
+def test_a_tolerance_becomes_a_nuisance_with_its_prior(mechanism):
+    tolerance = Tolerance(kind="mass_error", on=("link1", "link2"), sd=0.02)
+    parameters = free_parameters(mechanism, ["mass_error:link2"], [tolerance]).parameters
+    assert {p.name: (p.prior_sd, p.nuisance) for p in parameters} == {
+        "mass_error:link1.relative": (0.02, True),
+        "mass_error:link2.relative": (0.02, False),
+    }
+
+
+@pytest.mark.parametrize(
+    ("spec", "sentence"),
+    [
+        ("friction:j1", 'kind "friction" is unknown'),
+        ("viscous_friction", "no place is named"),
+        ("viscous_friction:j9", "does not act at 'j9'.*j1.*j2.*slide"),
+        ("viscous_friction:j1.stiffness", "is unknown there"),
+        ("extension_spring:s1.anchor_a_m", "holds several numbers"),
+        ("viscous_friction:j1,viscous_friction:all", "are the same number"),
+    ],
+)
+def test_a_spec_that_cannot_be_read_says_what_can(mechanism, spec, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        free_parameters(mechanism, [spec])

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from backend.fit.noise import channel_noise, lag_one, quantum, third_difference_sigma, whiten_ar1
+
+
+def test_third_differences_see_the_noise_and_not_the_motion():
+    rng = np.random.default_rng(0)
+    time = np.sort(rng.uniform(0, 4, 4000))  # uneven on purpose
+    value = np.sin(3 * time) + 0.01 * rng.standard_normal(4000)
+    assert third_difference_sigma(time, value) == pytest.approx(0.01, rel=0.06)  # 2% of a median, three sd
+
+
+def test_impacts_and_outliers_hardly_move_the_noise_estimate():
+    rng = np.random.default_rng(1)
+    time = np.arange(2000) / 240
+    value = np.abs(np.sin(3 * time)) + 0.001 * rng.standard_normal(2000)
+    value[::100] += 5.0
+    assert third_difference_sigma(time, value) == pytest.approx(0.001, rel=0.15)  # 4% of windows hold an outlier
+
+
+def test_a_parabola_on_uneven_times_has_no_third_difference():
+    time = np.cumsum(np.random.default_rng(2).uniform(0.5, 2.0, 50))
+    assert third_difference_sigma(time, 3 + 2 * time - time**2) < 1e-9  # rounding of values near 1e3
+
+
+def test_an_encoder_held_still_is_as_noisy_as_its_rounding():
+    step = 2 * np.pi / 4096
+    time = np.arange(100) / 100
+    angle = np.round(np.sin(time) / step) * step
+    angle[:30] = 0.0
+    noise = channel_noise(time, angle, release_s=0.3)
+    assert noise.source == "static"
+    np.testing.assert_allclose(noise.sigma, step / np.sqrt(12), rtol=1e-6)
+
+
+def test_a_quantum_is_found_in_counts_and_not_in_white_noise():
+    rng = np.random.default_rng(4)
+    assert quantum(0.25 * rng.integers(0, 40, 500)) == pytest.approx(0.25)
+    assert quantum(rng.standard_normal(500)) == 0.0
+
+
+def test_sigma_in_the_data_is_believed_and_holes_are_filled():
+    time = np.arange(200) / 100
+    value = np.sin(time) + 0.01 * np.random.default_rng(5).standard_normal(200)
+    given = np.full(200, 0.5)
+    assert channel_noise(time, value, given).source == "given"
+    given[10:] = np.nan
+    mixed = channel_noise(time, value, given)
+    assert mixed.sigma[0] == 0.5
+    assert mixed.sigma[20] == pytest.approx(0.01, rel=0.3)  # third differences of 190 samples
+
+
+def test_a_channel_that_never_changes_asks_for_its_sigma():
+    with pytest.raises(ValueError, match="Give sigma in the data"):
+        channel_noise(np.arange(50.0), np.full(50, 3.0))
+
+
+def test_whitening_an_ar1_series_leaves_white_noise_of_the_same_size():
+    rng = np.random.default_rng(6)
+    e = rng.standard_normal(20000)
+    r = np.empty_like(e)
+    r[0] = e[0]
+    for k in range(1, e.size):
+        r[k] = 0.9 * r[k - 1] + np.sqrt(1 - 0.81) * e[k]
+    a = lag_one(r)
+    white = whiten_ar1(r, a)
+    assert a == pytest.approx(0.9, abs=0.02)  # sd sqrt(1 - a^2) / sqrt(n) = 0.003
+    assert abs(lag_one(white)) < 0.03
+    assert white.std() == pytest.approx(1.0, rel=0.05)

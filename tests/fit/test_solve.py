@@ -1,0 +1,182 @@
+import numpy as np
+import pytest
+
+from backend.fit.horizon import best_of, lengthen, scattered
+from backend.fit.solve import LeastSquares, solve
+
+
+def problem(residual, jacobian, lower, upper, scale=None, names=None, data_rows=None):
+    lower, upper = np.asarray(lower, float), np.asarray(upper, float)
+    scale = np.ones(lower.size) if scale is None else np.asarray(scale, float)
+    names = names or [f"p{i}" for i in range(lower.size)]
+    return LeastSquares(names, residual, lambda x: (residual(x), jacobian(x)), lower, upper, scale, data_rows)
+
+
+def rosenbrock(lower=(-np.inf, -np.inf), upper=(np.inf, np.inf)):
+    return problem(
+        lambda x: np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]),
+        lambda x: np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]),
+        lower,
+        upper,
+    )
+
+
+def decay(time, value, lower=(0.0, 0.0), upper=(np.inf, np.inf), data_rows=None):
+    return problem(
+        lambda x: x[0] * np.exp(-x[1] * time) - value,
+        lambda x: np.stack([np.exp(-x[1] * time), -x[0] * time * np.exp(-x[1] * time)], 1),
+        lower,
+        upper,
+        data_rows=data_rows,
+    )
+
+
+def test_the_valley_of_rosenbrock_is_walked_to_its_end():
+    found = solve(rosenbrock(), np.array([-1.2, 1.0]))
+    assert found.converged
+    np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-6)  # gtol 1e-9 on a curvature of order 1
+
+
+def test_a_bound_in_the_way_is_met_and_named():
+    # With x <= 0.5 the best is x = 0.5, y = x^2 = 0.25: known in closed form.
+    found = solve(rosenbrock(upper=(0.5, np.inf)), np.array([-1.2, 1.0]))
+    assert found.converged
+    assert found.at_bound == (True, False)
+    np.testing.assert_allclose(found.x, [0.5, 0.25], atol=1e-8)
+
+
+def test_a_parameter_that_starts_on_its_bound_leaves_it_when_the_data_ask():
+    time = np.linspace(0, 2, 40)
+    found = solve(decay(time, 3 * np.exp(-0.7 * time)), np.array([0.0, 0.0]))
+    np.testing.assert_allclose(found.x, [3.0, 0.7], rtol=1e-6)  # noise-free: solver tolerance only
+
+
+def test_units_do_not_change_the_path():
+    time = np.linspace(0, 2, 40)
+    value = 3 * np.exp(-0.7 * time)
+    plain = solve(decay(time, value), np.array([1.0, 0.1]))
+    k = 1e6
+    small = problem(
+        lambda x: k * x[0] * np.exp(-x[1] * time) - value,
+        lambda x: np.stack([k * np.exp(-x[1] * time), -k * x[0] * time * np.exp(-x[1] * time)], 1),
+        [0, 0],
+        [np.inf, np.inf],
+        scale=[1 / k, 1.0],
+    )
+    other = solve(small, np.array([1.0 / k, 0.1]))
+    assert len(plain.history) == len(other.history)
+    np.testing.assert_allclose(other.x, plain.x / [k, 1.0], rtol=1e-9)  # the same arithmetic up to rounding
+
+
+def test_the_objective_never_rises_and_every_iteration_is_told():
+    told = []
+    found = solve(rosenbrock(), np.array([-1.2, 1.0]), progress=told.append)
+    objectives = [i.objective for i in found.history]
+    assert told == list(found.history)
+    assert np.all(np.diff(objectives) <= 0)
+
+
+def test_a_step_into_the_unsimulable_is_refused_not_fatal():
+    """A residual that is NaN beyond x = 2 stands for a simulation that runs away."""
+
+    def residual(x):
+        return np.array([np.nan if x[0] > 2.0 else np.exp(3 * (x[0] - 1.9)) - 1.0])
+
+    found = solve(problem(residual, lambda x: 3 * np.exp(3 * (x[:, None] - 1.9)), [-9], [9]), np.array([0.5]))
+    assert found.converged
+    assert found.x[0] == pytest.approx(1.9, abs=1e-4)
+
+
+def test_a_start_that_cannot_be_simulated_says_so():
+    found = solve(problem(lambda x: x * np.nan, lambda x: np.eye(1), [0], [1]), np.array([0.5]))
+    assert not found.converged
+    assert "not finite at the starting values" in found.message
+
+
+def test_iterations_that_run_out_are_named():
+    found = solve(rosenbrock(), np.array([-1.2, 1.0]), max_iterations=2)
+    assert not found.converged
+    assert "still improving" in found.message
+
+
+def test_a_fit_stops_when_told_to():
+    found = solve(rosenbrock(), np.array([-1.2, 1.0]), cancelled=lambda: True)
+    assert found.status == "cancelled"
+
+
+def test_a_staircase_ends_the_search_without_calling_it_a_failure():
+    """A simulation with sticking is a smooth curve plus tiny steps; the slope inside a step misleads."""
+
+    def residual(x):
+        return np.array([x[0] - 1.0 + 1e-6 * np.sign(np.sin(1e7 * x[0])), 1.0])
+
+    found = solve(problem(residual, lambda x: np.array([[1.0], [0.0]]), [-5], [5]), np.array([3.0]))
+    assert found.converged
+    assert found.x[0] == pytest.approx(1.0, abs=1e-5)  # ten stairs
+
+
+@pytest.mark.parametrize("loss", ["soft_l1", "huber", "student"])
+def test_a_robust_loss_shrugs_off_outliers_that_drag_least_squares(loss):
+    rng = np.random.default_rng(3)
+    time = np.linspace(0, 3, 200)
+    value = (2 * np.exp(-time) + 0.01 * rng.standard_normal(200)) / 0.01
+    value[::20] += 300.0  # one sample in twenty, 300 sigmas off
+    whitened = decay(time, value)
+    plain = solve(whitened, np.array([100.0, 0.5]))
+    robust = solve(whitened, np.array([100.0, 0.5]), loss=loss)
+    truth = np.array([200.0, 1.0])
+    assert np.abs(plain.x / truth - 1).max() > 0.03
+    assert np.abs(robust.x / truth - 1).max() < 0.01  # about three sd of the clean samples
+
+
+def test_a_robust_loss_leaves_priors_alone():
+    only_prior = problem(lambda x: np.array([0.0, x[0] - 50.0]), lambda x: np.array([[0.0], [1.0]]), [-99], [99])
+    with_prior = LeastSquares(
+        only_prior.names, only_prior.residual, only_prior.linearise, only_prior.lower, only_prior.upper,
+        only_prior.scale, data_rows=1,
+    )  # fmt: skip
+    found = solve(with_prior, np.array([0.0]), loss="student")
+    assert found.x[0] == pytest.approx(50.0, abs=1e-6)
+
+
+def test_quasi_newton_agrees_with_levenberg_marquardt():
+    time = np.linspace(0, 2, 40)
+    value = 3 * np.exp(-0.7 * time) + 0.1 * np.cos(9 * time)
+    lm = solve(decay(time, value), np.array([1.0, 0.1]))
+    bfgs = solve(decay(time, value), np.array([1.0, 0.1]), optimiser="lbfgsb", max_iterations=200)
+    assert bfgs.converged
+    np.testing.assert_allclose(bfgs.x, lm.x, rtol=1e-3)  # L-BFGS-B stops on a relative change of 1e-11
+    assert bfgs.history[-1].objective <= 1.0001 * lm.objective
+
+
+def test_bounds_that_contradict_each_other_are_refused():
+    with pytest.raises(ValueError, match=r"friction: lower bound 2 is not below upper bound 1"):
+        problem(lambda x: x, lambda x: np.eye(1), [2.0], [1.0], names=["friction"])
+
+
+def swing(time, phase):
+    """A clock with one unknown rate: the misfit of a long record has a minimum at every whole turn."""
+    return lambda fraction: problem(
+        lambda x: np.sin(x[0] * time[: int(fraction * time.size)]) - phase[: int(fraction * time.size)],
+        lambda x: (time * np.cos(x[0] * time))[: int(fraction * time.size), None],
+        [0.0],
+        [20.0],
+    )
+
+
+def test_a_long_swing_is_found_by_fitting_its_beginning_first():
+    time = np.linspace(0, 40, 2000)
+    long = swing(time, np.sin(6.0 * time))
+    straight = solve(long(1.0), np.array([5.5]))
+    grown = lengthen(long, np.array([5.5]), (0.02, 0.1, 0.4, 1.0))
+    assert abs(straight.x[0] - 6.0) > 0.01  # caught in a neighbouring valley
+    assert grown.x[0] == pytest.approx(6.0, abs=1e-6)
+
+
+def test_the_best_of_several_starts_wins():
+    time = np.linspace(0, 40, 2000)
+    whole = swing(time, np.sin(6.0 * time))(1.0)
+    starts = scattered(np.array([5.5]), np.array([0.5]), whole.lower, whole.upper, 40, [True])
+    found, every = best_of(lambda x: solve(whole, x), starts)
+    assert len(every) == 41
+    assert found.x[0] == pytest.approx(6.0, abs=1e-6)
