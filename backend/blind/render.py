@@ -211,6 +211,8 @@ def render_clip(
 ) -> dict:
     """Film markers moving on bars; write PATH (H.264) and PATH with suffixes .bed.json and .truth.json.
 
+    The bed file holds what a person with a ruler knows: marks, plane, and the dots' height above it.
+
     times_s: the middle of each frame's exposure, strictly increasing [s]; need not be evenly spaced.
     markers_m: marker id -> world positions (time, 3) [m].  links: bars drawn between two markers.
     Returns the truth: bed marks (metres and pixels), markers_px (id -> (time, 2)), times as written.
@@ -247,7 +249,8 @@ def render_clip(
         camera, bed, look, ticks * float(TICK), dict(zip(ids, camera.project(p).swapaxes(0, 1), strict=True))
     )
     path.with_suffix(".truth.json").write_text(json.dumps(truth))
-    sheet = {"marks": truth["bed_marks"], "plane": truth["plane"]}
+    height = dict(zip(ids, p[..., 2].mean(0).round(6).tolist(), strict=True))
+    sheet = {"marks": truth["bed_marks"], "plane": truth["plane"], "marker_height_m": height}
     path.with_suffix(".bed.json").write_text(json.dumps(sheet, indent=1))
     return truth
 
