@@ -11,6 +11,10 @@ from backend.model.model import Address, Model
 from backend.model.placed import Placed
 from backend.model.system import System
 
+ROUNDING = (
+    1e-6  # of a step: a sample taken at the step's end counts, though k h and (k - 1) h + h differ in the last bit
+)
+
 
 class Record(eqx.Module):
     """Drive values for every step; column i belongs to addresses[i]."""
@@ -47,7 +51,7 @@ def on_steps(
             takes = [f"{e}.{p}" for (e, p), r in model.parameters.items() if r.declaration.drive]
             raise ValueError(f"'{effect}.{name}' takes no recorded input; inputs here: {', '.join(takes) or 'none'}")
         if row.declaration.drive == "end":
-            columns.append(held_value(times, values, nodes + step_s))
+            columns.append(held_value(times, values, nodes + (1 + ROUNDING) * step_s))
         else:
             columns.append(mean_value(times, values, nodes - 0.5 * step_s, nodes + 0.5 * step_s))
     return Record(jnp.asarray(np.stack(columns, -1)), tuple(address for address, _, _ in series))
