@@ -1,0 +1,46 @@
+"""Ends of travel: never passed, and the blow keeps nothing."""
+
+import numpy as np
+import pytest
+
+from backend.model.build import build
+from tests.mechanisms import effect, sliding_mass
+from tests.motions import follow
+
+STEP_S, STEPS, SPEED, END = 1e-3, 1000, 0.8, 0.2
+
+
+def hit(speed, gravity=(0.0, 0.0, 0.0), step_s=STEP_S):
+    stop = effect("stop", "joint_stop", ["rail"], lower=-0.1, upper=END)
+    model = build(sliding_mass([stop], gravity=gravity))
+    return follow(model, step_s, STEPS, np.array([[speed, 0, 0, 0, 0, 0]]))
+
+
+@pytest.mark.parametrize(("speed", "end"), [(SPEED, END), (-SPEED, -0.1)])
+def test_a_block_that_hits_its_stop_stays_there(speed, end):
+    motion = hit(speed)
+    q = motion.path.q[:, 0]
+    assert q.max() <= END + 1e-9
+    assert q.min() >= -0.1 - 1e-9
+    arrived = int(abs(end) / SPEED / STEP_S)
+    np.testing.assert_allclose(q[arrived + 5 :], end, atol=SPEED * STEP_S)  # it stops inside the last step before
+    assert np.abs(motion.path.rate[arrived + 50 :, 0]).max() < 1e-2 * SPEED
+    assert not motion.path.lost.any()
+
+
+@pytest.mark.parametrize("step_s", [1e-3, 1e-4])
+def test_a_blow_takes_the_energy_however_short_the_step(step_s):
+    motion = hit(0.5 * END / (step_s * STEPS) * 4, step_s=step_s)
+    assert motion.kinetic[-1] < 1e-3 * motion.kinetic[0]
+
+
+def test_a_block_pressed_on_its_stop_rests_on_it_with_its_weight():
+    motion = hit(0.0, gravity=(9.81, 0.0, 0.0))
+    assert motion.path.q[-1, 0] == pytest.approx(END, abs=1e-5)
+    assert np.abs(motion.path.rate[-1, 0]) < 1e-6
+    assert (motion.path.q[:, 0] <= END + 1e-9).all()
+
+
+def test_energy_never_grows_at_a_stop():
+    motion = hit(SPEED, gravity=(-3.0, 0.0, 0.0))
+    assert np.max(motion.energy - np.minimum.accumulate(motion.energy)) < 1e-3 * motion.kinetic[0]

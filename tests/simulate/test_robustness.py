@@ -1,0 +1,69 @@
+"""A motion that cannot be followed ends in a sentence, never in a NaN; and a batch is many single runs."""
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from backend.model.build import build
+from backend.model.state import Start, drawn_pose
+from backend.model.system import system
+from backend.simulate.rollout import rollout
+from backend.simulate.run import simulate
+from tests.mechanisms import double_pendulum, effect, fourbar
+from tests.motions import stacked, still
+
+STEP_S, STEPS = 1e-3, 300
+ADDRESS = ("f", "friction_torque_n_m")
+
+
+@pytest.fixture(scope="module")
+def absurd():
+    """A double pendulum pulled by a force that no step of a millisecond can follow."""
+    push = effect("push", "applied_force", ["lower"], force_n=1e9, direction=[0, 1, 0], point_m=[0.2, 0, 0])
+    return simulate(double_pendulum([push]), 0.05, 1e-3)
+
+
+def test_a_step_that_cannot_be_solved_freezes_the_motion(absurd):
+    for table in (absurd.q, absurd.position_m, absurd.velocity_m_per_s, absurd.reaction_force_n):
+        for values in table.values():
+            assert np.isfinite(values).all()
+    np.testing.assert_array_equal(absurd.q["elbow"][-1], absurd.q["elbow"][-2])
+
+
+def test_a_step_that_cannot_be_solved_is_told_in_a_sentence(absurd):
+    assert not absurd.done
+    assert "could not be solved" in absurd.result
+    assert "Try a smaller step than 0.001 s" in absurd.result
+
+
+def follow_alone(model, steps):
+    plant = system(model)
+    return rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, steps)
+
+
+@pytest.fixture(scope="module")
+def frictions():
+    model = build(fourbar([effect("f", "coulomb_friction", ["j2"])]))
+    return [model.with_parameters({ADDRESS: value}) for value in np.linspace(0.0, 0.02, 8)]
+
+
+def test_a_batch_of_eight_frictions_is_eight_single_runs(frictions):
+    def go(model):
+        return follow_alone(model, STEPS).q
+
+    together = eqx.filter_jit(eqx.filter_vmap(go))(stacked(frictions))
+    alone = eqx.filter_jit(go)
+    for one, model in zip(together, frictions, strict=True):
+        np.testing.assert_allclose(one, alone(model), atol=1e-8)  # each stops its iterations at 1e-10 by itself
+    assert np.ptp(np.asarray(together)[:, -1, 0]) > 1e-3
+
+
+def test_one_lost_sample_does_not_spoil_a_batch():
+    push = effect("push", "applied_force", ["lower"], direction=[0, 1, 0], point_m=[0.2, 0, 0])
+    model = build(double_pendulum([push]))
+    batch = stacked([model.with_parameters({("push", "force_n"): force}) for force in (0.0, 1e9)])
+    path = eqx.filter_jit(eqx.filter_vmap(lambda m: follow_alone(m, 50)))(batch)
+    assert not path.lost[0].any()
+    assert path.lost[1].all()
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(path) if leaf.dtype == float)
