@@ -50,6 +50,23 @@ def main() -> None:
 
 
 @app.command()
+def demo(out: Out = None, as_json: AsJson = False) -> None:
+    """Draw, film, track and fit a four-bar, then predict a load it never saw: one page tells it all."""
+    with _answering(as_json) as answer:
+        from backend.report.fit_summary import fit_text
+
+        script = Path(__file__).resolve().parents[1] / "samples" / "fourbar" / "design.py"
+        with _progress("loading") as advance:
+            from backend.demo.story import run_demo
+
+            page, result = run_demo(script, out or Path("out") / "demo", advance)
+        answer(
+            {"page": str(page), "fit": result.report.model_dump(mode="json")},
+            f"{fit_text(result.report)}\nopen      {page}",
+        )
+
+
+@app.command()
 def export(
     script: Annotated[Path, typer.Argument(help="CadQuery script.", exists=True, dir_okay=False)],
     settings: Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 MOST_OVERLAYS = 2
 
 
-def fit_evidence(study: Study, result: FitResult) -> FitEvidence:
+def fit_evidence(study: Study, result: FitResult, truth: Mapping[str, float] | None = None) -> FitEvidence:
     """A finished fit as its page wants it; the first fitted experiments can be played back."""
     return FitEvidence(
         title=study.mechanism.name,
@@ -26,6 +27,7 @@ def fit_evidence(study: Study, result: FitResult) -> FitEvidence:
         report=result.report,
         channels=channels(result),
         overlays=overlays(study, result),
+        truth=truth or {},
     )
 
 
@@ -62,7 +64,7 @@ def overlays(study: Study, result: FitResult) -> tuple[Overlay, ...]:
 
     made = []
     for i, run in enumerate(result.residuals.runs[:MOST_OVERLAYS]):
-        seen_time, seen = _seen(study, run.experiment.id)
+        seen_time, seen = seen_markers(study, run.experiment.id)
         motion = fitted_motion(result, i, moving=[body.id for body in study.mechanism.bodies if not body.fixed])
         made.append(Overlay(run.experiment.id, motion, seen_time_s=seen_time, seen_m=seen))
     return tuple(made)
@@ -87,7 +89,7 @@ def fit_text(report: FitReport) -> str:
     return "\n".join(lines)
 
 
-def _seen(study: Study, experiment: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def seen_markers(study: Study, experiment: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Markers on one clock [s], as seen [m]; NaN where a marker was not."""
     tracks = study.experiment(experiment).tracks
     if tracks is None:
