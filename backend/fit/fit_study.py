@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Literal
 
@@ -154,7 +156,8 @@ class _Search:
         if found is None:
             raise RuntimeError("no stage of the fit was run")
         r, J = self.residuals.evaluate(found.x)
-        return replace(found, residual=r, jacobian=J)
+        weights = found.weights if found.weights.size == r.size else np.ones_like(r)  # cancelled on a short horizon
+        return replace(found, residual=r, jacobian=J, weights=weights)
 
     def _solve(self, x: np.ndarray, fraction: float, done: float, words: str, most: int, ftol: float) -> Solution:
         self.residuals.learn_spread(x, fraction)
@@ -184,16 +187,18 @@ def _profiles(residuals: Residuals, solution: Solution, u: Uncertainty, p: int, 
 
 
 def _overlays(residuals: Residuals, held_out: Sequence[Run], solution: Solution) -> list[Overlay]:
-    p = len(residuals.parameters)
+    p, fitted = len(residuals.parameters), len(residuals.runs)
     drawn = np.array([f.start for f in residuals.parameters])
-    overlays = []
-    for i, run in enumerate([*residuals.runs, *held_out]):
+    runs = [*residuals.runs, *held_out]
+
+    def both(i: int) -> list[Overlay]:
+        run = runs[i]
         before = run.predict(drawn, run.settle(drawn))[0]
-        fitted = i < len(residuals.runs)
-        own = residuals.own(solution.x, i) if fitted else run.settle(solution.x[:p])
-        after = run.predict(solution.x[:p], own)[0]
-        overlays += overlays_of(run, before, after)
-    return overlays
+        own = residuals.own(solution.x, i) if i < fitted else run.settle(solution.x[:p])
+        return overlays_of(run, before, run.predict(solution.x[:p], own)[0])
+
+    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+        return [overlay for made in pool.map(both, range(len(runs))) for overlay in made]
 
 
 def _misses(runs: Sequence[Run]):

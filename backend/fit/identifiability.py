@@ -171,6 +171,7 @@ def profile_interval(
     others = np.array([i for i in range(solution.x.size) if i != j], int)
     weights = np.sqrt(solution.weights)
     points = [(float(solution.x[j]), 0.0)]
+    enough = min(0.02 * CHI2_95 * inflation / max(2.0 * solution.objective, 1e-300), 1e-2)  # 1% of the end's root
 
     def deviance(value: float, guess: np.ndarray) -> tuple[float, np.ndarray]:
         """2 (objective - best) / inflation at x_j = value, and the others' optimum there."""
@@ -190,7 +191,7 @@ def profile_interval(
             r = weights * problem.residual(full(np.zeros(0)))
             objective, best = 0.5 * float(r @ r), np.zeros(0)
         else:
-            found = solve(held, guess, max_iterations=max_iterations, ftol=1e-6, cancelled=cancelled)
+            found = solve(held, guess, max_iterations=max_iterations, ftol=enough, cancelled=cancelled)
             objective, best = found.objective, found.x
         base = 0.5 * float(np.sum((weights * solution.residual) ** 2))
         return 2.0 * (objective - base) / inflation, best

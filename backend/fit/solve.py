@@ -204,8 +204,9 @@ def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, pro
             gain = (objective - reached) / max(predicted, 1e-300)
             if gain > 1e-4:
                 break
-            damping, growth = damping * growth, 2.0 * growth
-            if damping > 1e8:
+            # Well-behaved steps have let the damping fall far: a refusal brings it back at once.
+            damping, growth = max(damping * growth, 1e-3), 2.0 * growth
+            if damping > 1e5:
                 best = _step_in_box(problem, x, R, Qr, 1e-12, widest)
                 share = -float(gradient @ best) / 2.0 / max(objective, 1e-300)
                 return end(*(("rough", NO_STEP_ROUGH) if share < 1e-3 else ("disagree", NO_STEP.format(share))))
