@@ -25,9 +25,10 @@ format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Each benchmark is a script of its own that prints what it measured.
+# Each benchmark prints what it measured; each runs alone as `python -m benchmarks.NAME`.
+BENCHMARKS := $(basename $(notdir $(shell grep -l __main__ benchmarks/*.py)))
 bench: $(INSTALLED)
-	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+	@for name in $(BENCHMARKS); do echo "== $$name"; $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 # Universal: one lock for every Python from 3.11 up. Hosts of registries stay out of it.
 lock: $(INSTALLED)

@@ -44,8 +44,13 @@ class Failed(Exception):
 
 
 def main() -> None:
-    """Entry point of `linktwin`: float64, then the command."""
-    os.environ.setdefault("JAX_ENABLE_X64", "1")  # read when jax starts: nothing is imported here
+    """Entry point of `linktwin`: float64 and a shelf for compiled programs, then the command."""
+    # Read when jax starts: nothing is imported here.  A program compiled once serves every later command on a
+    # mechanism of the same layout.
+    os.environ.setdefault("JAX_ENABLE_X64", "1")
+    shelf = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "linktwin" / "programs"
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(shelf))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
     app()
 
 
