@@ -1,12 +1,54 @@
-"""Write the effects' declarations where the reader of drawings finds them: python -m backend.effects."""
+"""Write what the effects declare where others read it: python -m backend.effects.
+
+effect_kinds.json serves the reader of drawings, docs/effects.md serves people.
+"""
 
 import json
 from pathlib import Path
 
 import backend.mechanism
-from backend.effects.catalogue import vocabulary
+from backend.effects.catalogue import effect_of_kind, vocabulary
+from backend.effects.effect import Declaration
 
 VOCABULARY = Path(backend.mechanism.__file__).with_name("effect_kinds.json")
+PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
+
+HEAD = """\
+# Effects that can be simulated
+
+Written by `python -m backend.effects` from the declarations in `backend/effects/`; do not edit. Gravity is not listed:
+a drawing gives it as `gravity_m_per_s2`. A default of "give it" means that a drawing must name the value; bounds are
+those of a drawing and of a fit. Parameters marked *record* can follow recorded inputs.
+
+| Kind | Acts on | Parameter | Unit | Default | Bounds | Meaning |
+|---|---|---|---|---|---|---|
+"""
+
+
+def page() -> str:
+    """The table of all effects, as Markdown."""
+    rows = []
+    for kind, entry in vocabulary().items():
+        doc = entry["doc"].replace("|", "\\|")
+        rows.append(f"| **{kind}** | {entry['acts_on']} | | | | | {doc} |")
+        rows += [f"| | | {_row(name, declared)} |" for name, declared in effect_of_kind(kind).declarations().items()]
+    return HEAD + "\n".join(rows) + "\n"
+
+
+def _row(name: str, declared: Declaration) -> str:
+    size = f" ({declared.size} numbers)" if declared.size > 1 else ""
+    default = "give it" if declared.default is None else f"{declared.default:g}"
+    low, high = declared.lower, declared.upper
+    bounds = "" if low is None and high is None else f"{_end(low, '-∞')} to {_end(high, '∞')}"
+    where = f"; at {' and '.join(declared.joint_types)} joints" if declared.joint_types else ""
+    record = "; *record*" if declared.drive else ""
+    return f"`{name}`{size} | {declared.unit} | {default} | {bounds} | {declared.doc}{where}{record}"
+
+
+def _end(bound: float | None, none: str) -> str:
+    return none if bound is None else f"{bound:g}"
+
 
 if __name__ == "__main__":
     VOCABULARY.write_text(json.dumps(vocabulary(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    PAGE.write_text(page(), encoding="utf-8")

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from backend.effects.__main__ import VOCABULARY
+from backend.effects.__main__ import PAGE, VOCABULARY, page
 from backend.effects.catalogue import catalogue, effect_of_kind, vocabulary
 from backend.effects.effect import BodyView
 from backend.effects.shapes import (
@@ -66,6 +66,10 @@ def test_a_kind_without_a_file_is_refused_with_the_kinds_that_have_one():
 
 def test_the_vocabulary_that_readers_of_drawings_use_is_fresh():
     assert json.loads(VOCABULARY.read_text("utf-8")) == vocabulary(), "run: python -m backend.effects"
+
+
+def test_the_page_of_effects_is_fresh():
+    assert PAGE.read_text("utf-8") == page(), "run: python -m backend.effects"
 
 
 @pytest.fixture(scope="module")
