@@ -27,6 +27,7 @@ TRUTH = {
     "viscous_friction:D.damping_n_m_s_per_rad": 1.0e-4,
 }
 LOAD_N = 0.15
+BARS = (("A", "B"), ("B", "C"), ("C", "D"))
 
 
 def with_load_and_pivots(drawn: Mechanism) -> Mechanism:
@@ -73,16 +74,12 @@ def filmed(
 
     camera_for: the motion that the camera must have in view, so that all clips share one camera.
     """
-    upright = {"origin_m": (0.0, 0.0, 0.0), "x_axis": (1.0, 0.0, 0.0), "y_axis": (0.0, 0.0, 1.0)}
-    camera, bed = stage(camera_for, **upright, width_px=WIDTH_PX, height_px=HEIGHT_PX)
-    render_clip(path, times_s, places, _bars(places), camera, bed, LOOK, progress=progress)
+    camera, bed = stage(
+        camera_for, x_axis=(1.0, 0.0, 0.0), y_axis=(0.0, 0.0, 1.0), width_px=WIDTH_PX, height_px=HEIGHT_PX
+    )
+    render_clip(path, times_s, places, BARS, camera, bed, LOOK, progress=progress)
     sheet = json.loads(path.with_suffix(".bed.json").read_text(encoding="utf-8"))
     sheet["lens"] = {"focal_px": Camera.focal_px}
     sheet["marker_height_m"] = {marker: float(bed.from_world(p[0])[2]) for marker, p in places.items()}
     path.with_suffix(".bed.json").write_text(json.dumps(sheet, indent=1) + "\n", encoding="utf-8")
     return path.with_suffix(".bed.json")
-
-
-def _bars(places: dict[str, np.ndarray]) -> list[tuple[str, str]]:
-    bars = [("A", "B"), ("B", "C"), ("C", "D")]
-    return [bar for bar in bars if set(bar) <= set(places)]

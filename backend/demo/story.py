@@ -26,7 +26,7 @@ from cad_export import export_script
 
 FREE = tuple(TRUTH)
 LOADS_N = {"swing": 0.0, "loaded": LOAD_N}
-STILLS_S = (0.0, 0.3, 0.6)
+STILLS = (0.0, 0.25, 0.5)  # parts of the clip
 
 
 class Advance(Protocol):
@@ -84,7 +84,7 @@ def run_demo(script: Path, out: Path, advance: Advance) -> tuple[Path, FitResult
             reality=_reality(),
             frames=len(real["swing"][0]),
             frames_per_s=FRAMES_PER_S,
-            stills=stills(out / "swing" / "preview.mp4", STILLS_S),
+            stills=stills(out / "swing.mp4", STILLS),
             prediction=tuple(c for c in evidence.channels if c.use == "held_out"),
             unseen=f"A line pulled the coupler down with {LOAD_N} N, which the fit never saw.",
             prediction_overlay=overlay,
@@ -150,9 +150,9 @@ def _loaded_motion(drawn: Mechanism, more: tuple[Effect, ...], duration_s: float
 
 def _reality() -> str:
     return (
-        "The real linkage was moved by Exudyn, an engine that shares nothing with the one that fits. Its crank bearing A "
-        "rubs with a constant torque and its rocker bearing D with one that grows with speed. The drawing knows neither. "
-        "Both were fitted to the tracks of the first clip alone."
+        "The real linkage was moved by Exudyn, an engine that shares nothing with the one that fits. Its crank bearing "
+        "A rubs with a constant torque and its rocker bearing D with one that grows with speed. The drawing knows "
+        "neither. Both were fitted to the tracks of the first clip alone."
     )
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from backend.mechanism.fit_report import Residual
 from backend.mechanism.mechanism import Mechanism
 from backend.report.evidence import Channel, DemoEvidence
-from backend.report.fit_page import cautions, overlaid
+from backend.report.fit_page import cautions, overlaid, pooled
 from backend.report.page import write_page
 from backend.report.quantity import at_the_bench, shown
 
@@ -17,7 +19,7 @@ from backend.report.quantity import at_the_bench, shown
 def write_demo_page(evidence: DemoEvidence, path: str | Path) -> Path:
     """Write the report as one HTML file; returns its path."""
     fit = evidence.fit
-    before, after, unit = _prediction_errors(evidence.prediction)
+    before, after, unit = _prediction_errors(fit.report.held_out)
     return write_page(
         "demo.html",
         path,
@@ -39,30 +41,26 @@ def write_demo_page(evidence: DemoEvidence, path: str | Path) -> Path:
         truth=dict(fit.truth),
         cautions=cautions(fit.report),
         overlays=fit.overlays,
-        fitted=[overlaid(channel) for channel in fit.channels if channel.use == "fit"][:4],
+        fitted=[overlaid(channel) for channel in _telling([c for c in fit.channels if c.use == "fit"])],
         prediction=f"{evidence.unseen} The drawing misses it by {shown(before)} {unit} rms, the fitted twin by "
         f"{shown(after)} {unit}: {shown(before / after, 2)} times closer.",
         prediction_overlay=evidence.prediction_overlay,
-        predicted=[overlaid(channel) for channel in evidence.prediction][:4],
+        predicted=[overlaid(channel) for channel in _telling(evidence.prediction)],
         steps=evidence.steps,
         files=evidence.files,
     )
 
 
-def _prediction_errors(channels: tuple[Channel, ...]) -> tuple[float, float, str]:
-    """Rms of drawing and of twin over the unseen load, in the unit of its channels."""
-    units = {channel.unit for channel in channels}
-    if len(units) != 1 or any(channel.before is None for channel in channels):
+def _prediction_errors(rows: Sequence[Residual]) -> tuple[float, float, str]:
+    """Rms distance of drawing and of twin on the unseen load, over all its markers, in one unit."""
+    units = {row.unit for row in rows}
+    if len(units) != 1 or any(row.before is None for row in rows):
         raise ValueError(
-            f"the unseen load has channels in {sorted(units)}; give at least one, all in one unit, with `before`"
+            f"the fit has held-out errors in {sorted(units) or 'no unit'}; the demonstration compares the drawing and "
+            "the twin on at least one held-out experiment, all in one unit"
         )
     unit, factor = at_the_bench(units.pop())
-
-    def rms(of: str) -> float:
-        left = np.concatenate([c.measured - getattr(c, of) for c in channels])
-        return factor * float(np.sqrt(np.nanmean(left**2)))
-
-    return rms("before"), rms("after"), unit
+    return factor * pooled(rows, "before"), factor * pooled(rows), unit
 
 
 def _verdict(evidence: DemoEvidence) -> str:
@@ -77,13 +75,26 @@ def _verdict(evidence: DemoEvidence) -> str:
 
 def _drawn(mechanism: Mechanism) -> str:
     moving = sum(not body.fixed for body in mechanism.bodies)
-    effects = ", ".join(sorted({effect.kind.replace("_", " ") for effect in mechanism.effects}))
+    rubs = sorted({effect.kind.replace("_", " ") for effect in mechanism.effects if "friction" in effect.kind})
     tool = mechanism.provenance.tool if mechanism.provenance and mechanism.provenance.tool else "CAD"
-    holds = f"and already holds {effects}" if effects else "and holds no friction, spring or drag"
+    holds = f"and {', '.join(rubs)}" if rubs else "and no friction"
     return (
         f"“{mechanism.name}”, drawn in {tool}: {moving} moving parts on {len(mechanism.joints)} joints. "
         f"The drawing knows shapes and masses {holds}."
     )
+
+
+def _telling(channels: Sequence[Channel]) -> list[Channel]:
+    """One coordinate of each of the four places that the drawing misses most: its worst."""
+    worst: dict[str, Channel] = {}
+    for channel in sorted(channels, key=_missed_by_drawing, reverse=True):
+        worst.setdefault(channel.at, channel)
+    return list(worst.values())[:4]
+
+
+def _missed_by_drawing(channel: Channel) -> float:
+    missed = channel.rms(channel.after if channel.before is None else channel.before)
+    return missed if np.isfinite(missed) else np.inf
 
 
 def _parts(mechanism: Mechanism) -> list[dict]:
