@@ -109,7 +109,7 @@ def _parts(mechanism: Mechanism) -> list[dict]:
 
 
 def _seen(evidence: DemoEvidence) -> str:
-    tracks = {(c.experiment, c.at) for c in evidence.fit.channels}
+    tracks = {c.at for c in evidence.fit.channels if c.use == "fit"}
     return (
         f"{evidence.frames} frames at {shown(evidence.frames_per_s)} frames per second. The tracker found the dots "
         f"in each frame and turned them into metres with the marks on the bed: {len(tracks)} tracks, each point "

@@ -158,15 +158,15 @@ def test_a_page_is_whole_and_fetches_nothing(fit_page):
 def test_the_fit_page_says_value_interval_truth_and_errors_in_millimetres(fit_page):
     assert re.search(r"<b>0\.01100</b>", fit_page)
     assert "0.01020 … 0.01180" in fit_page
-    assert "truth inside" in fit_page
+    assert ", inside" in fit_page
     assert "<b>0.100 mm</b>" in fit_page
     assert "<b>8.00 mm</b>" in fit_page
 
 
 def test_a_truth_outside_its_interval_is_called_so(tmp_path):
     page = write_fit_page(fit_evidence(truth={NAME: 0.02}), tmp_path / "fit.html").read_text(encoding="utf-8")
-    assert "truth outside" in page
-    assert "truth inside" not in page
+    assert ", outside" in page
+    assert ", inside" not in page
 
 
 def test_an_unconverged_fit_says_so_before_any_value(tmp_path):
