@@ -188,7 +188,7 @@ def free_motions(system: System, pose: Pose) -> Float[np.ndarray, "slots 6 mobil
     The rank is decided by the largest gap in the spectrum of the held rows (numpy, once per start).
     """
     jacobian = np.asarray(kinematics.rows(system, kinematics.bodies(system, pose)).jacobian)
-    slots, length = system.topology.slots, system.scale.length_m
+    slots, length = system.topology.slots, float(system.scale.length_m)
     real = np.array([body is not None for body in system.topology.body_ids])
     dense = np.zeros((jacobian.shape[0] * 6, (slots + 1) * 6))
     for joint, (a, b) in enumerate(system.pairs):
