@@ -41,6 +41,11 @@ class Solved(NamedTuple):
 @jax.custom_jvp
 def close(system: System, at: Frame, guess: Unknowns) -> Solved:
     """Solve the step's equations by Newton's method."""
+    return _newton(system, at, guess)[0]
+
+
+def _newton(system: System, at: Frame, guess: Unknowns) -> tuple[Solved, kinematics.Rows]:
+    """The solution, and the joints' rows there."""
     barrier = _barrier(system, at)
     interior = bool(system.stops)
 
@@ -64,16 +69,16 @@ def close(system: System, at: Frame, guess: Unknowns) -> Solved:
 
     residual, rows = equations(system, at, guess, barrier)
     start = (guess, residual, rows, 0, _size(system, at, residual, barrier), BARRIER_START * barrier)
-    unknowns, _, _, iterations, error, _ = lax.while_loop(unfinished, iterate, start)
-    return Solved(unknowns, jnp.asarray(iterations), error)
+    unknowns, _, rows, iterations, error, _ = lax.while_loop(unfinished, iterate, start)
+    return Solved(unknowns, jnp.asarray(iterations), error), rows
 
 
 @close.defjvp
 def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
     """Implicit function theorem: the residual's change, sent back through the factored slope."""
     system, at, guess = primals
-    solved = close(system, at, guess)
-    unknowns = jax.tree.map(lax.stop_gradient, solved.unknowns)
+    solved, rows = _newton(system, at, guess)
+    unknowns = solved.unknowns
 
     # The guess's own tangent is the first answer, so that only its small remainder goes through the stiff rows (1/ε):
     # the whole would leave rounding of 1e-9 in ξ, which is 1e-6 in the velocity it stands for.
@@ -83,7 +88,7 @@ def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
         return equations(system, at, unknowns, _barrier(system, at))[0]
 
     _, change = jax.jvp(moving, (system, at, unknowns), (*tangents[:2], first))
-    linearised = linearise(system, at, unknowns, ahead(system, at, unknowns.xi))
+    linearised = linearise(system, at, unknowns, rows)
     answer = jax.tree.map(jnp.add, first, direction(system, linearised, change))
     none = jnp.zeros((), dtype=jax.dtypes.float0)
     return solved, Solved(answer, none, jnp.zeros_like(solved.error))
