@@ -191,7 +191,7 @@ def profile_interval(
             r = weights * problem.residual(full(np.zeros(0)))
             objective, best = 0.5 * float(r @ r), np.zeros(0)
         else:
-            found = solve(held, guess, max_iterations=max_iterations, ftol=enough, cancelled=cancelled)
+            found = solve(held, guess, max_iterations=max_iterations, ftol=enough, refusals=2, cancelled=cancelled)
             objective, best = found.objective, found.x
         base = 0.5 * float(np.sum((weights * solution.residual) ** 2))
         return 2.0 * (objective - base) / inflation, best

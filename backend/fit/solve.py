@@ -117,13 +117,15 @@ def solve(
     max_iterations: int = 60,
     ftol: float = 1e-9,
     gtol: float = 1e-9,
+    refusals: int = 12,
     progress: Callable[[Iteration], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> Solution:
     """Minimise from `start` (clipped into the box).
 
     ftol: stop when neither the model nor the objective can gain this fraction. gtol: stop when every free
-    column is this orthogonal to the residual (cosine). Failures come back as a status with a sentence.
+    column is this orthogonal to the residual (cosine). refusals: trial steps refused in a row that end the search.
+    Failures come back as a status with a sentence.
     """
     x = np.clip(np.asarray(start, float), problem.lower, problem.upper)
     r, J = problem.linearise(x)
@@ -137,7 +139,7 @@ def solve(
             _at_bound(problem, x), (), 1,
         )  # fmt: skip
     search = _levenberg_marquardt if optimiser == "lm" else _lbfgsb
-    rest = (max_iterations, ftol, gtol, progress, cancelled)
+    rest = (max_iterations, ftol, gtol, refusals, progress, cancelled)
     if loss == "linear":
         return search(problem, cost, x, r, J, *rest)
     # The loss is as wide as the bulk of the residuals, which is known only once they fit: a few rounds settle it.
@@ -163,7 +165,7 @@ def _free(problem: LeastSquares, x: Vector, gradient: Vector) -> np.ndarray:
     return ~(((x <= problem.lower + slack) & (gradient > 0)) | ((x >= problem.upper - slack) & (gradient < 0)))
 
 
-def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, progress, cancelled) -> Solution:
+def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, refusals, progress, cancelled) -> Solution:
     objective, weight = cost(r)
     damping, growth, evaluations = 1e-3, 2.0, 1
     widest = np.zeros_like(x)
@@ -191,6 +193,7 @@ def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, pro
             return end("rough", f"Converged as far as the simulation is smooth: {PATIENCE} steps gained little.")
         if len(history) > max_iterations:
             return end("iteration_limit", STILL_IMPROVING.format(max_iterations))
+        refused = 0
         while True:  # until a step is accepted
             if cancelled is not None and cancelled():
                 return end("cancelled", f"Cancelled after {len(history) - 1} iterations.")
@@ -206,7 +209,8 @@ def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, pro
                 break
             # Well-behaved steps have let the damping fall far: a refusal brings it back at once.
             damping, growth = max(damping * growth, 1e-3), 2.0 * growth
-            if damping > 1e5:
+            refused += 1
+            if damping > 1e5 or refused >= refusals:
                 best = _step_in_box(problem, x, R, Qr, 1e-12, widest)
                 share = -float(gradient @ best) / 2.0 / max(objective, 1e-300)
                 return end(*(("rough", NO_STEP_ROUGH) if share < 1e-3 else ("disagree", NO_STEP.format(share))))
@@ -231,7 +235,7 @@ def _step_in_box(problem, x, R, Qr, damping, widest) -> Vector:
     return lsq_linear(A, b, (np.minimum(low, 0.0), np.maximum(high, 0.0)), method="bvls").x / D
 
 
-def _lbfgsb(problem, cost, x, r, J, max_iterations, ftol, gtol, progress, cancelled) -> Solution:
+def _lbfgsb(problem, cost, x, r, J, max_iterations, ftol, gtol, refusals, progress, cancelled) -> Solution:
     """Quasi-Newton on the same objective in scaled variables; for comparison, it does not see J'J."""
     history: list[Iteration] = []
     last: dict[str, np.ndarray] = {}
