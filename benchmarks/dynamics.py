@@ -6,18 +6,10 @@ python -m benchmarks.dynamics --cells 23
 
 import argparse
 import os
-
-os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-os.environ["OMP_NUM_THREADS"] = "1"
-os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # the figures are for one core
-
 import time
 
-import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -136,5 +128,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cells", type=int, nargs="*", default=[10, 23, 50, 100, 200])
     arguments = parser.parse_args()
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # the figures are for one core
     step_cost(arguments.cells)
     derivative_cost(10)

@@ -1,15 +1,12 @@
 """Our motions beside two engines nobody here wrote, on the same mechanism.json.
 
-    python -m benchmarks.peers
+python -m benchmarks.peers
 """
 
 import time
 from pathlib import Path
 
-import jax
 import numpy as np
-
-jax.config.update("jax_enable_x64", True)
 
 from backend.blind.exudyn_engine import simulate_exudyn
 from backend.blind.mujoco_engine import simulate_mujoco

@@ -15,9 +15,7 @@ NOT_EFFECTS = {"effect", "shapes", "catalogue", "__main__"}
 @cache
 def catalogue() -> dict[str, type[AbstractEffect]]:
     """Kind -> its class, for every effect file of this room, in alphabetical order."""
-    names = sorted(
-        m.name for m in pkgutil.iter_modules(backend.effects.__path__) if m.name not in NOT_EFFECTS
-    )
+    names = sorted(m.name for m in pkgutil.iter_modules(backend.effects.__path__) if m.name not in NOT_EFFECTS)
     return {name: _effect_in(name) for name in names}
 
 
@@ -61,7 +59,5 @@ def _effect_in(name: str) -> type[AbstractEffect]:
         if issubclass(member, AbstractEffect) and member.__module__ == module.__name__
     ]
     if effect.kind != name:
-        raise TypeError(
-            f"backend/effects/{name}.py holds an effect of kind '{effect.kind}': name the file after it"
-        )
+        raise TypeError(f"backend/effects/{name}.py holds an effect of kind '{effect.kind}': name the file after it")
     return effect

@@ -15,9 +15,7 @@ class EffortOffset(AbstractJointEffort):
     torque_n_m: Float[Array, ""] = parameter(
         "N m", "torque on the second body", joint_types=("revolute",), drive="mean"
     )
-    force_n: Float[Array, ""] = parameter(
-        "N", "force on the second body", joint_types=("prismatic",), drive="mean"
-    )
+    force_n: Float[Array, ""] = parameter("N", "force on the second body", joint_types=("prismatic",), drive="mean")
 
     def effort(self, q):
         """Independent of q."""

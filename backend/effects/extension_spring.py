@@ -12,9 +12,7 @@ class ExtensionSpring(AbstractStrut):
     kind = "extension_spring"
     acts_on = "bodies"
     anchor_a_m: Float[Array, "3"] = parameter("m", "end on the first body, in its axes", default=None, size=3)
-    anchor_b_m: Float[Array, "3"] = parameter(
-        "m", "end on the second body, in its axes", default=None, size=3
-    )
+    anchor_b_m: Float[Array, "3"] = parameter("m", "end on the second body, in its axes", default=None, size=3)
     stiffness_n_per_m: Float[Array, ""] = parameter("N/m", "force per lengthening", lower=0.0)
     free_length_m: Float[Array, ""] = parameter("m", "length without force", lower=0.0)
     damping_n_s_per_m: Float[Array, ""] = parameter("N s/m", "force per rate of lengthening", lower=0.0)
