@@ -45,9 +45,8 @@ def median_s(call, *arguments, runs: int = 7) -> float:
 
 def step_cost(cells: list[int]) -> None:
     """µs per step and seconds of compilation, rigid 3-D scissor."""
-    print(
-        f"{'cells':>6} {'bodies':>7} {'compile s':>10} {'us/step':>9} {'us/step/cell':>13} {'Newton':>7} {'MuJoCo us':>10}"
-    )
+    titles = {"cells": 6, "bodies": 7, "compile s": 10, "us/step": 9, "us/step/cell": 13, "Newton": 7, "MuJoCo us": 10}
+    print(" ".join(f"{title:>{width}}" for title, width in titles.items()))
     per_cell = {}
     for count in cells:
         model = build(scissor(count))

@@ -13,7 +13,6 @@ import jax
 import numpy as np
 
 from backend.fit.free import free_parameters
-from backend.fit.horizon import best_of, scattered
 from backend.fit.identifiability import Profile, Uncertainty, assess, profile_interval
 from backend.fit.loss import LossName
 from backend.fit.prediction import addresses_of
@@ -21,6 +20,7 @@ from backend.fit.residual import Residuals
 from backend.fit.result import FitResult, Overlay, make_report, overlays_of
 from backend.fit.run import Run
 from backend.fit.solve import Iteration, Optimiser, Solution, solve
+from backend.fit.starts import best_of, scattered
 from backend.mechanism.study import Study
 from backend.model.build import build
 from backend.model.model import Model
