@@ -15,7 +15,7 @@ from backend.simulate.equations import Motion, lengthening
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
 from backend.simulate.record import Record
-from backend.simulate.step import step
+from backend.simulate.step import SOLUTION, step
 
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
 
@@ -108,6 +108,10 @@ def rollout(
     return trajectory(seen, start, carry[0].displacement, step_s)
 
 
+# Backwards in time, each step is set up again from its solution: less memory than keeping its slopes, and faster.
+_frugal_step = jax.checkpoint(step, policy=jax.checkpoint_policies.save_only_these_names(SOLUTION))
+
+
 def march(
     system: System, carry: tuple[Motion, Array], step_s: float | Array, steps: int, record: Record | None
 ) -> tuple[tuple[Motion, Array], Seen]:
@@ -116,7 +120,7 @@ def march(
     def advance(carry: tuple[Motion, Array], drives: Array | None) -> tuple[tuple[Motion, Array], Seen]:
         motion, lost = carry
         acting = system if record is None or drives is None else record.apply(system, drives)
-        after, solved = step(acting, motion, step_s, _targets(acting))
+        after, solved = _frugal_step(acting, motion, step_s, _targets(acting))
         # The comparison is written so that a NaN counts as lost.
         lost = lost | ~(solved.error < LOST)
         kept = jax.tree.map(lambda old, new: jnp.where(lost, old, new), motion, after)

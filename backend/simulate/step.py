@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.system import System
@@ -28,6 +29,7 @@ LARGEST_TURN = 1.0  # rad in one step: beyond it the quaternion step loses its i
 TO_BOUNDARY = 0.99  # fraction of the way to γ = 0 or s = 0 that an iteration may go
 BARRIER_FALL = 0.1
 BARRIER_START = 1e3  # times the final barrier
+SOLUTION = "solution of a step"  # all that a derivative backwards in time keeps of it
 
 
 class Solved(NamedTuple):
@@ -77,7 +79,7 @@ def _newton(system: System, at: Frame, guess: Unknowns) -> tuple[Solved, kinemat
 def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
     """Implicit function theorem: the residual's change, sent back through the factored slope."""
     system, at, guess = primals
-    solved, rows = _newton(system, at, guess)
+    solved, rows = checkpoint_name(_newton(system, at, guess), SOLUTION)
     unknowns = solved.unknowns
 
     # The guess's own tangent is the first answer, so that only its small remainder goes through the stiff rows (1/ε):
