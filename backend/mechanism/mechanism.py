@@ -143,8 +143,12 @@ def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> l
         "effect": mechanism.effects,
     }
     ids = [member.id for member in groups[part]]
+    if on == "all" and not ids:
+        return [f'stands on "all", but no {part} is drawn; draw one, or remove the effect']
     if on == "all":
-        return [] if ids else [f'stands on "all", but no {part} is drawn; draw one, or remove the effect']
+        # Its points and axes are those of one body: they would mean nothing on every other.
+        paired = f'on is "all", but {kind.name} acts on one body, or between two; name them. {known(ids)}'
+        return [paired] if acts_on == "bodies" else []
     faults = [f'on names "{id}", but no {part} has that id. {known(ids)}' for id in on if id not in ids]
     if acts_on == "bodies" and len(on) > 2:
         faults.append(f"on names {len(on)} bodies; name one, or two of which the second takes the reaction")

@@ -252,6 +252,10 @@ FAULTS = {
         effect("applied_torque", ["ground", "link1", "link2"]),
         ['effect "x"', "3 bodies", "one, or two"],
     ),
+    "one spring on every body": (
+        effect("extension_spring", "all", anchor_a_m=[0, 0, 0], anchor_b_m=[0, 0, 1], stiffness_n_per_m=1),
+        ['effect "x"', '"all"', "extension_spring", '"link1"'],
+    ),
     "camera effect on a body": (
         effect("camera_scale", ["link1"]),
         ['effect "x"', "link1", '"on": ["camera"]'],
