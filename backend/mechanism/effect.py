@@ -100,6 +100,9 @@ def parameter_faults(
         specs.append(spec)
         if fault := value_fault(spec, value):
             faults.append(fault)
+    lower, upper = parameters.get("lower"), parameters.get("upper")
+    if not faults and lower is not None and upper is not None and lower > upper:
+        faults.append(f"lower {lower:g} is above upper {upper:g}; swap them")
     if joints:
         faults += _joint_type_faults(kind, specs, joints, every)
     return faults
