@@ -238,11 +238,21 @@ def _answering(as_json: bool) -> Iterator[Callable[[Mapping[str, Any], str], Non
             yield answer
     except Failed as error:
         _end(error, FAILED)
-    except (ValueError, FileNotFoundError) as error:  # the rooms' own errors: sentences about the input
+    except ValueError as error:  # the rooms' own errors: sentences about the input
         _end(error, BAD_INPUT)
+    except OSError as error:
+        _end(_unreachable(error), BAD_INPUT)
 
 
-def _end(error: Exception, code: int) -> None:
+def _unreachable(error: OSError) -> str:
+    """What the system would not do, as a sentence; a sentence of the rooms' own is kept."""
+    if error.strerror is None:
+        return str(error)
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror}; check the path, its permissions and the space left, or choose another with --out"
+
+
+def _end(error: Exception | str, code: int) -> None:
     print(f"error: {error}", file=sys.stderr)
     raise typer.Exit(code) from None
 

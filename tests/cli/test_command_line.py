@@ -85,6 +85,14 @@ def test_a_bad_drawing_is_refused_in_a_sentence_with_exit_code_2(drawing):
     assert "Traceback" not in done.stderr
 
 
+def test_a_folder_that_cannot_be_written_is_refused_in_a_sentence(drawing):
+    done = linktwin("check", drawing, "--out", drawing / "inside a file")
+    assert done.returncode == 2
+    assert str(drawing) in done.stderr
+    assert "--out" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
