@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
@@ -126,12 +127,12 @@ def simulate(
         from backend.report.simulation_page import write_simulation_page
 
         drawn = read_mechanism(mechanism)
+        folder = _folder(out, drawn.name)
         with _progress("simulating") as advance:
             from backend.simulate.run import simulate as run_drawing
             from backend.simulate.write import write_run
 
             run = run_drawing(drawn, duration_s, step_s, progress=_counting(advance))
-        folder = out or Path("out") / drawn.name
         motion = write_run(run, folder / "run.h5")
         page = write_simulation_page(simulation_evidence(drawn, run), folder / "simulation.html")
         files = {"motion": str(motion), "page": str(page)}
@@ -192,11 +193,11 @@ def fit(
         from backend.report.fit_summary import fit_evidence, fit_text
 
         loaded = read_study(study)
+        folder = _folder(out, loaded.mechanism.name)
         with _progress("reading the study") as advance:
             from backend.fit.fit_study import fit_study
 
             result = fit_study(loaded, specs, optimiser=optimiser, progress=advance)
-        folder = out or Path("out") / loaded.mechanism.name
         written = result.write(folder)
         page = write_fit_page(fit_evidence(loaded, result), folder / "fit.html")
         text = f"{fit_text(result.report)}\nwrote     {written}\nopen      {page}"
@@ -214,6 +215,13 @@ def _settings(pairs: list[str]) -> dict[str, str]:
             raise typer.BadParameter(f"{pair!r} is not NAME=VALUE, such as cells=23", param_hint="--set")
         chosen[name] = text
     return chosen
+
+
+def _folder(out: Path | None, name: str) -> Path:
+    """Where to write, made before the work starts: a place that cannot be written should not cost a long run."""
+    folder = out or Path("out") / (re.sub(r"[^\w.-]+", "_", name).lstrip(".") or "unnamed")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def _write_json(report: Mapping[str, Any], path: Path) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from backend.cli import _folder
+
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("jax", "cadquery", "cv2", "av", "pandas", "matplotlib", "fastapi")
 
@@ -83,6 +85,13 @@ def test_a_bad_drawing_is_refused_in_a_sentence_with_exit_code_2(drawing):
     assert "bar" in done.stderr
     assert "-0.05" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_name_is_no_path_out_of_the_output_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("four/bar", "../../up", "/root", "", ".."):
+        assert _folder(None, name).resolve().parent == tmp_path / "out"
+    assert _folder(None, "Scissor 10").name == "Scissor_10"
 
 
 def test_a_folder_that_cannot_be_written_is_refused_in_a_sentence(drawing):
