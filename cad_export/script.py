@@ -24,9 +24,11 @@ def export_script(script_path: str | Path, out_dir: str | Path, settings: Mappin
 
     settings: by the name of an argument of `design`, as text or as a value of its type (int, float, bool, str).
     Raises DrawingError when the script fails, naming its line, and on unknown or unsuitable settings, listing the
-    known ones. What the script prints goes to stderr, so that a report on stdout stays whole.
+    known ones; OSError when the folder cannot be made. What the script prints goes to stderr, so that a report on
+    stdout stays whole.
     """
     drawing = draw(script_path, settings)
+    Path(out_dir).mkdir(parents=True, exist_ok=True)  # not the script's fault where it fails
     with _blaming(Path(script_path)):
         return drawing.write(out_dir)
 

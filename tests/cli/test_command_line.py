@@ -120,6 +120,15 @@ def test_bad_arguments_end_with_exit_code_2_and_say_which(arguments):
     assert "Traceback" not in done.stderr
 
 
+def test_a_folder_that_cannot_be_written_is_not_blamed_on_the_script(tmp_path):
+    (tmp_path / "taken").write_text("")
+    done = linktwin("export", "samples/pendulum/design.py", "--out", tmp_path / "taken" / "inside")
+    assert done.returncode == 2
+    assert "taken" in done.stderr
+    assert "correct the script" not in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_an_exported_script_that_prints_leaves_the_report_clean(tmp_path):
     script = tmp_path / "design.py"
     design = (ROOT / "samples" / "pendulum" / "design.py").read_text(encoding="utf-8")
