@@ -90,7 +90,7 @@ class _Reader:
         try:
             kind = kind_named(kind_name)
         except ValueError as error:
-            raise ValueError(f"--free {spec}: {error}. {GRAMMAR}.") from None
+            raise ValueError(f"--free {spec}: {str(error).rstrip('.')}. {GRAMMAR}.") from None
         if not colon and kind.acts_on in ("world", "camera"):
             rest = kind.acts_on
         on, parameter = self._split(rest, kind)
@@ -125,6 +125,10 @@ class _Reader:
         drawn = [e.id for e in m.effects if e.kind == kind.name]
         if kind.acts_on in ("world", "camera"):
             candidates = [kind.acts_on]
+        elif kind.name == "prescribed_motion":
+            # Only where it is drawn: no value of it means "absent", and added it would hold a free joint still.
+            motions = [e for e in m.effects if e.kind == kind.name]
+            candidates = [e.on[0] if e.on != "all" and len(e.on) == 1 else e.id for e in motions]
         elif kind.acts_on == "joint":
             candidates = [j.id for j in m.joints if any(s.suits(j.type) for s in kind.parameters.values())]
             candidates = [c for c in candidates if m.joint(c).type != "fixed"]
@@ -136,7 +140,7 @@ class _Reader:
             candidates = drawn
         if on == "all":
             if not candidates:
-                raise ValueError(f"{kind.name} applies nowhere in '{m.name}'")
+                raise ValueError(f"{kind.name} applies nowhere in '{m.name}'; draw it, or what it acts on, first")
             return tuple(candidates)
         for place in on:
             if place not in candidates and place not in drawn:

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from backend.fit.free import free_parameters
+from backend.mechanism.effect import Effect
 from backend.mechanism.read import parse_mechanism
 from backend.mechanism.study import Tolerance
 
@@ -96,13 +97,24 @@ def test_a_tolerance_becomes_a_nuisance_with_its_prior(mechanism):
     }
 
 
+def test_a_motion_is_freed_at_the_joint_where_it_is_drawn(mechanism):
+    motion = Effect(id="motor", kind="prescribed_motion", on=("j1",), parameters={"q": 0.2})
+    driven = mechanism.model_copy(update={"effects": (*mechanism.effects, motion)})
+    for place in ("*", "j1", "motor"):
+        (freed,) = free_parameters(driven, [f"prescribed_motion:{place}"]).parameters
+        assert freed.addresses == (("motor", "q"),)
+        assert freed.start == 0.2
+
+
 @pytest.mark.parametrize(
     ("spec", "sentence"),
     [
-        ("friction:j1", 'kind "friction" is unknown'),
+        ("friction:j1", r'kind "friction" is unknown.*[^.]\. Write KIND:ON'),
         ("viscous_friction", "no place is named"),
         ("viscous_friction:j9", "does not act at 'j9'.*j1.*j2.*slide"),
         ("viscous_friction:j1.stiffness", "is unknown there"),
+        ("prescribed_motion:*", "applies nowhere.*draw it"),
+        ("prescribed_motion:j1", "does not act at 'j1'"),
         ("extension_spring:s1.anchor_a_m", "holds several numbers"),
         ("viscous_friction:j1,viscous_friction:all", "are the same number"),
     ],
