@@ -60,7 +60,10 @@ def fit_study(
     began, tell = time.perf_counter(), progress or (lambda fraction, words: None)
     freedom = free_parameters(study.mechanism, free, study.tolerances)
     if not freedom.parameters:
-        raise ValueError("Nothing is free to fit. Name a parameter with --free KIND:ON.")
+        raise ValueError(
+            f"Nothing is free to fit in {', '.join(free) or 'an empty list'}: name a kind that can be simulated and "
+            "has a number to fit, as KIND:ON."
+        )
     if not study.fit:
         raise ValueError('No experiment may be fitted: give at least one of them "use": "fit".')
     model = build(study.mechanism, freedom.added)

@@ -134,9 +134,8 @@ def _places(
 def _joints_of(member: Effect, effect: type[AbstractEffect], mechanism: Mechanism) -> list[str]:
     """Joints an effect acts at; each must have a coordinate, and what the effect needs there."""
     able = {t for d in effect.declarations().values() for t in (d.joint_types or ("revolute", "prismatic"))}
-    if member.on == "all":
-        return [j.id for j in mechanism.joints if j.type in able]
-    for id_ in member.on:
+    on = [j.id for j in mechanism.joints if j.type in able] if member.on == "all" else list(member.on)
+    for id_ in on:
         joint = mechanism.joint(id_)
         if joint.type not in able:
             raise ValueError(f"effect '{member.id}': {member.kind} cannot act at {joint.type} joint '{id_}'")
@@ -145,7 +144,7 @@ def _joints_of(member: Effect, effect: type[AbstractEffect], mechanism: Mechanis
                 f"effect '{member.id}': pin friction at joint '{id_}' needs the pin's size; "
                 "draw the joint with fit.pin_diameter_m"
             )
-    return list(member.on)
+    return on
 
 
 def _pair(member: Effect, fixed: Sequence[str]) -> tuple[str, str]:

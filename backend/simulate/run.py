@@ -11,7 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from backend.effects.shapes import AbstractJointMotion
 from backend.frames import quaternion
+from backend.joints.joint import TURN
 from backend.mechanism.mechanism import Mechanism
 from backend.model.build import build
 from backend.model.model import Address, Model
@@ -23,6 +25,8 @@ from backend.simulate.record import Record, on_steps
 from backend.simulate.rollout import Seen, Trajectory, depart, march, trajectory
 
 CHUNK = 250  # steps between two reports of progress
+MOST_STEPS = 2e6  # ten minutes for a pendulum, 2 GB for a four-bar
+SNAP = 1e-3  # rad, or mechanism lengths, that a prescribed path may begin away from the drawn pose
 OPEN_JOINT = 1e-6  # mechanism lengths (and rad) that assembly may leave open: ten times what STEP files round to
 
 Progress = Callable[[int, int], None]
@@ -78,18 +82,43 @@ def simulate(
     """Let a drawing go from rest at its drawn pose, under the effects it lists.
 
     inputs: recorded drives as ((effect id, parameter), times [s], values).  progress(done, total) counts steps.
-    Raises ValueError for a duration or step that is not positive, and where loops cannot be closed.
+    Raises ValueError for a duration or step that is not positive, where loops cannot be closed, and for a prescribed
+    path that begins elsewhere than the drawing.
     """
     for name, value in (("duration", duration_s), ("step", step_s)):
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value:g} s; give a positive number of seconds")
+    if not step_s <= duration_s <= step_s * MOST_STEPS:
+        raise ValueError(
+            f"a duration of {duration_s:g} s in steps of {step_s:g} s is {duration_s / step_s:.3g} steps; "
+            f"choose them so that 1 to {MOST_STEPS:g} steps follow"
+        )
     model = build(mechanism)
     plant = system(model)
-    steps = max(1, round(duration_s / step_s))
+    steps = round(duration_s / step_s)
+    _check_drives(model, inputs)
     start = Start(assembled(model, plant), jnp.zeros((model.topology.slots, 6)))
     record = on_steps(model, inputs, step_s, steps + CHUNK) if inputs else None
     path = _followed(plant, start, step_s, steps, record, progress)
     return as_run(mechanism.name, model, plant, path, step_s)
+
+
+def _check_drives(model: Model, inputs: Sequence[Series]) -> None:
+    """Refuse a prescribed path that begins elsewhere than the drawing: a step would have to bridge the gap."""
+    plant = system(model)
+    drawn = np.asarray(kinematics.coordinates(plant, kinematics.bodies(plant, drawn_pose(model, plant))))
+    first = {address: float(values[0]) for address, _, values in inputs}
+    for placed in model.of(AbstractJointMotion):
+        targets = np.asarray(jax.vmap(lambda e: e.target())(placed.here))
+        for row, joint, target in zip(placed.rows, placed.at(), targets, strict=True):
+            begins = first.get((placed.ids[row], "q"), float(target))
+            unit, size = ("rad", 1.0) if plant.coordinate[joint] == TURN else ("m", float(plant.scale.length_m))
+            if abs(begins - drawn[joint]) > SNAP * size:
+                raise ValueError(
+                    f"effect '{placed.ids[row]}': the path of joint '{model.topology.joint_ids[joint]}' begins at "
+                    f"{begins:.6g} {unit}, the drawing stands at {drawn[joint]:.6g} {unit}; let the path begin where "
+                    "the joint is drawn, or draw the joint where the path begins"
+                )
 
 
 def assembled(model: Model, plant: System) -> Pose:
