@@ -10,7 +10,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
 
@@ -49,9 +49,11 @@ def main() -> None:
     # Read when jax starts: nothing is imported here.  A program compiled once serves every later command on a
     # mechanism of the same layout.
     os.environ.setdefault("JAX_ENABLE_X64", "1")
-    shelf = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "linktwin" / "programs"
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(shelf))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
+    shelf = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "linktwin" / "programs"
+    with suppress(OSError):  # a home that cannot be written costs compile time, nothing else
+        shelf.mkdir(parents=True, exist_ok=True)
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(shelf))
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
     app()
 
 
