@@ -3,17 +3,6 @@
 python -m benchmarks.laws
 """
 
-import os
-import sys
-from pathlib import Path
-
-os.environ["JAX_ENABLE_X64"] = "1"
-os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-
-import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from backend.model.build import build
 from tests.mechanisms import bennett, double_pendulum, fourbar
 from tests.motions import follow

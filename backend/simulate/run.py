@@ -96,16 +96,15 @@ def simulate(
     model = build(mechanism)
     plant = system(model)
     steps = round(duration_s / step_s)
-    _check_drives(model, inputs)
+    _check_drives(model, plant, inputs)
     start = Start(assembled(model, plant), jnp.zeros((model.topology.slots, 6)))
     record = on_steps(model, inputs, step_s, steps + CHUNK) if inputs else None
     path = _followed(plant, start, step_s, steps, record, progress)
     return as_run(mechanism.name, model, plant, path, step_s)
 
 
-def _check_drives(model: Model, inputs: Sequence[Series]) -> None:
+def _check_drives(model: Model, plant: System, inputs: Sequence[Series]) -> None:
     """Refuse a prescribed path that begins elsewhere than the drawing: a step would have to bridge the gap."""
-    plant = system(model)
     drawn = np.asarray(kinematics.coordinates(plant, kinematics.bodies(plant, drawn_pose(model, plant))))
     first = {address: float(values[0]) for address, _, values in inputs}
     for placed in model.of(AbstractJointMotion):
