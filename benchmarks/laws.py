@@ -3,6 +3,8 @@
 python -m benchmarks.laws
 """
 
+import numpy as np
+
 from backend.model.build import build
 from tests.mechanisms import bennett, double_pendulum, fourbar
 from tests.motions import follow
