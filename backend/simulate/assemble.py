@@ -142,13 +142,13 @@ def _cancel(system: System, here: Array, there: Array, residual: Correction) -> 
     """Solve M δξ - hereᵀ δμ = -r₁, there δξ + ε δμ = -r₂ over the body graph."""
     weight = jnp.where(system.held_rows, 1.0 / system.compliance, 0.0)
     offset = -jnp.where(system.held_rows, weight, 1.0) * residual.push
-    links = jnp.einsum("jri,jr,jrk->jik", here, weight, there)
-    links = jnp.concatenate([links, jnp.zeros((len(system.topology.struts), 12, 12))])
+    others = jnp.zeros((len(system.topology.struts), 12, 12))
     mass = system.mass[:, None, None] * jnp.eye(3)
     zero = jnp.zeros_like(mass)
     top, bottom = jnp.concatenate([mass, zero], -1), jnp.concatenate([zero, system.inertia], -1)
     rhs = forces.collect(system.topology.joint_sides, jnp.sum(here * offset[:, :, None], 1)) - residual.xi
-    factored = linear.factor(system.topology, jnp.concatenate([top, bottom], -2), links)
+    own = jnp.concatenate([top, bottom], -2)
+    factored = linear.factor(system.topology, own, here, weight[:, :, None] * there, others)
     xi = linear.solve(factored, rhs)
     return Correction(xi, offset - weight * jnp.sum(there * _pairs(system, xi)[:, None, :], -1))
 

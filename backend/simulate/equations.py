@@ -133,15 +133,15 @@ def linearise(system: System, at: Frame, unknowns: Unknowns, rows: kinematics.Ro
     turn = tangent_map(xi[:, 3:])
     there = _along_increments(system, rows.jacobian, turn)
     slope = law.slope(system, at.drive, rows.value, impulses)
-    links = _gram(at.jacobian, law.answer(system, slope, there))
+    answer = law.answer(system, slope, there)
     own = momentum_slope(system, xi, at.step_s)
     if system.drags:
         drag = forces.drag_slope(system, at.bodies, _mean_velocity(at, xi))
         own = own - 0.5 * _turn_columns(drag, turn)
-    if system.topology.struts:
-        strut = 0.5 * system.strut_damping[:, None] * _strut_there(system, at.strut_slope, turn)
-        links = jnp.concatenate([links, at.strut_slope[:, :, None] * strut[:, None, :]])
-    return Linearised(linear.factor(system.topology, own, links), at.jacobian, there, slope, impulses, turn)
+    strut = 0.5 * system.strut_damping[:, None] * _strut_there(system, at.strut_slope, turn)
+    others = at.strut_slope[:, :, None] * strut[:, None, :]
+    factor = linear.factor(system.topology, own, at.jacobian, answer, others)
+    return Linearised(factor, at.jacobian, there, slope, impulses, turn)
 
 
 def direction(system: System, at: Linearised, residual: Unknowns) -> Unknowns:
@@ -184,11 +184,6 @@ def _along_increments(system: System, jacobian: Array, turn: Array) -> Array:
     zero = jnp.zeros_like(a)
     pin = jnp.concatenate([zero, a, zero, b], -1)
     return jacobian.at[:, TURN].set(jnp.where(turning[:, None], pin, jacobian[:, TURN]))
-
-
-def _gram(left: Array, right: Array) -> Float[Array, "joints 12 12"]:
-    """Jᵀ (K J)."""
-    return jnp.einsum("jri,jrk->jik", left, right)
 
 
 def _turn_columns(block: Float[Array, "slots 6 6"], turn: Array) -> Float[Array, "slots 6 6"]:

@@ -17,9 +17,19 @@ class Factor(NamedTuple):
     upper: Float[Array, "levels n n"]
 
 
-def factor(topology: Topology, bodies: Float[Array, "slots 6 6"], links: Float[Array, "links 12 12"]) -> Factor:
-    """Eliminate level by level the matrix with these blocks on bodies and between the bodies of links."""
+def factor(
+    topology: Topology,
+    bodies: Float[Array, "slots 6 6"],
+    left: Float[Array, "joints r 12"],
+    right: Float[Array, "joints r 12"],
+    others: Float[Array, "others 12 12"],
+) -> Factor:
+    """Eliminate level by level a matrix over the body graph.
+
+    It has a block on every body, leftᵀ right between the bodies of every joint, and one block for each other link.
+    """
     levels, width, n = topology.levels, topology.width, 6 * topology.width
+    links = jnp.concatenate([jnp.einsum("jri,jrk->jik", left, right), others])
     blocks = links.reshape(-1, 2, 6, 2, 6).transpose(0, 1, 3, 2, 4).reshape(-1, 6, 6)
     blocks = jnp.concatenate([blocks, jnp.zeros((1, 6, 6))])
     diagonal, upper, lower = (
