@@ -31,13 +31,19 @@ def page() -> str:
     for kind, entry in vocabulary().items():
         doc = entry["doc"].replace("|", "\\|")
         rows.append(f"| **{kind}** | {entry['acts_on']} | | | | | {doc} |")
-        rows += [f"| | | {_row(name, declared)} |" for name, declared in effect_of_kind(kind).declarations().items()]
+        effect = effect_of_kind(kind)
+        rows += [f"| | | {_row(name, declared)} |" for name, declared in effect.declarations().items()]
+        rows += [
+            f"| | | `{name}` | word | {c.options[0]} | {' or '.join(c.options)} | {c.doc} |"
+            for name, c in effect.choices().items()
+        ]
     return HEAD + "\n".join(rows) + "\n"
 
 
 def _row(name: str, declared: Declaration) -> str:
     size = f" ({declared.size} numbers)" if declared.size > 1 else ""
-    default = "give it" if declared.default is None else f"{declared.default:g}"
+    default = "the drawn fit" if declared.drawn else "give it"
+    default = default if declared.default is None else f"{declared.default:g}"
     low, high = declared.lower, declared.upper
     bounds = "" if low is None and high is None else f"{_end(low, '-∞')} to {_end(high, '∞')}"
     where = f"; at {' and '.join(declared.joint_types)} joints" if declared.joint_types else ""

@@ -42,9 +42,12 @@ def vocabulary() -> dict[str, Any]:
                     "size": declared.size,
                     "doc": declared.doc,
                     "joint_types": list(declared.joint_types) if declared.joint_types else None,
+                    "drawn": declared.drawn,
+                    "by_name": declared.by_name,
                 }
                 for name, declared in effect.declarations().items()
             },
+            "choices": {name: {"options": list(c.options), "doc": c.doc} for name, c in effect.choices().items()},
         }
         for kind, effect in catalogue().items()
         if kind != "gravity"  # a drawing gives it as gravity_m_per_s2

@@ -5,6 +5,7 @@ are its parameters, each declared once with unit, bounds and meaning.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
 import equinox as eqx
@@ -26,11 +27,30 @@ class Declaration:
     joint_types: tuple[str, ...] | None = None
     drive: Literal["mean", "end"] | None = None
     """How a step reads a recorded drive: its mean over the step, or its value at the step's end."""
+    drawn: str | None = None
+    """What a joint's fit calls the value that holds where none is given (a method of mechanism.joint.Fit)."""
+    typical: float = 1.0
+    """Its usual size, in natural sizes of its unit."""
+    by_name: bool = False
+    """Whether a fit frees it only when it is named."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """A word that decides an effect's structure; the first option is the default."""
+
+    options: tuple[str, ...]
+    doc: str
 
 
 def parameter(unit: str, doc: str, **rest: Any) -> Any:
     """Declare an effect's parameter (see Declaration); the field is a float array leaf."""
     return eqx.field(metadata={"declaration": Declaration(unit, doc, **rest)})
+
+
+def choice(*options: str, doc: str) -> Any:
+    """Declare a word that decides an effect's structure; the field is static."""
+    return eqx.field(static=True, default=options[0], metadata={"choice": Choice(options, doc)})
 
 
 class AbstractEffect(eqx.Module):
@@ -42,7 +62,21 @@ class AbstractEffect(eqx.Module):
     @classmethod
     def declarations(cls) -> dict[str, Declaration]:
         """Parameter name -> what was declared about it, in the file's order."""
-        return {field.name: field.metadata["declaration"] for field in dataclasses.fields(cls)}
+        return _of(cls, "declaration")
+
+    @classmethod
+    def choices(cls) -> dict[str, Choice]:
+        """Name -> the words that decide the effect's structure."""
+        return _of(cls, "choice")
+
+    @classmethod
+    def structure(cls, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Static fields that drawn parameters decide; effects of one kind and structure share one batch."""
+        return {name: parameters.get(name, declared.options[0]) for name, declared in cls.choices().items()}
+
+
+def _of(cls: type[AbstractEffect], what: str) -> dict[str, Any]:
+    return {field.name: field.metadata[what] for field in dataclasses.fields(cls) if what in field.metadata}
 
 
 class BodyView(eqx.Module):

@@ -1,21 +1,29 @@
 """Ends of a joint's travel that it cannot pass."""
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from backend.effects.effect import parameter
-from backend.effects.shapes import AbstractJointStop
+from backend.effects.shapes import AbstractJointStop, Wall
 
 NO_STOP = 1.0e3  # rad or m: out of reach of any linkage, yet a finite number for the barrier
 
 
 class JointStop(AbstractJointStop):
-    """Rigid, inelastic ends."""
+    """Rigid ends; a blow keeps the share `restitution` of its speed."""
 
     kind = "joint_stop"
     acts_on = "joint"
     lower: Float[Array, ""] = parameter("rad or m", "lowest q", default=-NO_STOP)
     upper: Float[Array, ""] = parameter("rad or m", "highest q", default=NO_STOP)
+    restitution: Float[Array, ""] = parameter(
+        "1", "speed after over speed before a blow", lower=0.0, upper=1.0, by_name=True
+    )
 
     def ends(self):
         """As declared."""
         return self.lower, self.upper
+
+    def wall(self):
+        """Smooth and rigid."""
+        return Wall(jnp.zeros_like(self.restitution), jnp.zeros_like(self.restitution), self.restitution)

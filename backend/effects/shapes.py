@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 
+import equinox as eqx
 from jaxtyping import Array, Float
 
 from backend.effects.effect import AbstractEffect, BodyView, Wrench
@@ -45,12 +46,48 @@ class AbstractJointInertia(AbstractEffect):
         """kg m² at a turning joint, kg at a sliding one."""
 
 
+class Wall(eqx.Module):
+    """What a unilateral contact does beside keeping parts apart."""
+
+    friction: Scalar
+    """Largest friction force over normal force [1]."""
+    give: Scalar
+    """Penetration over normal force [m/N]; 0 is rigid."""
+    restitution: Scalar
+    """Speed after over speed before an impact [1]."""
+
+
 class AbstractJointStop(AbstractEffect):
     """Two unilateral gaps along a joint's coordinate."""
 
     @abstractmethod
     def ends(self) -> tuple[Scalar, Scalar]:
         """Lowest and highest q that the stops allow [rad or m]."""
+
+    @abstractmethod
+    def wall(self) -> Wall:
+        """How the ends answer a blow."""
+
+
+class AbstractJointClearance(AbstractEffect):
+    """A pin that moves inside its hole."""
+
+    shape: eqx.AbstractVar[str]
+    """'circle', or 'rectangle': separate bounds along x and y of frame A."""
+    rings: eqx.AbstractVar[int]
+    """1: the pin stays parallel to the hole; 2: it also tilts, held at both ends of its bearing."""
+
+    @abstractmethod
+    def radius(self) -> Scalar:
+        """Largest offset of the pin's axis from the hole's [m]."""
+
+    @abstractmethod
+    def bearing_length(self) -> Scalar:
+        """Distance of the two rings [m]."""
+
+    @abstractmethod
+    def wall(self) -> Wall:
+        """How the hole answers the pin."""
 
 
 class AbstractJointMotion(AbstractEffect):

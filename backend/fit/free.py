@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from backend.mechanism.drawing_error import known
-from backend.mechanism.effect import Effect, kind_named
+from backend.mechanism.effect import Effect, ParameterValue, kind_named
 from backend.mechanism.kinds import EffectKind, ParameterSpec
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import Tolerance
 
 Address = tuple[str, str]
+SMALL_PLAY_M = 1e-4  # where a fit begins to look for play that the drawing does not mention
 GRAMMAR = "Write KIND:ON or KIND:ON.PARAMETER, such as viscous_friction:j1 or coulomb_friction:*"
 
 
@@ -160,7 +161,7 @@ class _Reader:
         suited = [s for s in kind.parameters.values() if joint is None or s.suits(joint.type)]
         single = [s for s in suited if s.size == 1]
         if parameter is None:
-            return single
+            return [s for s in single if not s.by_name]
         if parameter not in {s.name for s in single}:
             what = "holds several numbers and" if parameter in kind.parameters else "is unknown there and"
             raise ValueError(f"parameter '{parameter}' {what} cannot be freed. {known(s.name for s in single)}")
@@ -172,10 +173,19 @@ class _Reader:
             if effect.kind == kind.name and (effect.id == place or tuple(effect.on) == (place,)):
                 return effect
         key = f"{kind.name}@{place}"
-        return self.added.setdefault(key, Effect(id=key, kind=kind.name, on=(place,)))
+        return self.added.setdefault(
+            key, Effect(id=key, kind=kind.name, on=(place,), parameters=self._drawn(kind, place))
+        )
+
+    def _drawn(self, kind: EffectKind, place: str) -> dict[str, ParameterValue]:
+        """What the place's own fit says about the parameters of a new effect."""
+        joint = next((j for j in self.mechanism.joints if j.id == place), None)
+        wanted = [spec for spec in kind.parameters.values() if spec.drawn]
+        values = {spec.name: getattr(joint.fit, spec.drawn)() if joint and joint.fit else None for spec in wanted}
+        return {name: SMALL_PLAY_M if value is None else value for name, value in values.items()}
 
     def _parameter(self, kind, places, label, spec: ParameterSpec, addresses: list[Address]) -> FreeParameter:
-        drawn = {e.id: e for e in self.mechanism.effects}
+        drawn = {e.id: e for e in (*self.mechanism.effects, *self.added.values())}
         values = []
         for effect_id, name in addresses:
             given = drawn[effect_id].parameters.get(name) if effect_id in drawn else None

@@ -93,9 +93,13 @@ def parameter_faults(
     faults = []
     specs: list[ParameterSpec] = []
     for name, value in parameters.items():
+        if name in kind.choices:
+            if value not in kind.choices[name]:
+                faults.append(f"{name} is {value!r}; write {' or '.join(map(repr, kind.choices[name]))}")
+            continue
         spec = kind.parameters.get(name)
         if spec is None:
-            faults.append(f'parameter "{name}" is unknown to {kind.name}. {known(kind.parameters)}')
+            faults.append(f'parameter "{name}" is unknown to {kind.name}. {known([*kind.parameters, *kind.choices])}')
             continue
         specs.append(spec)
         if fault := value_fault(spec, value):
@@ -135,10 +139,19 @@ def _joint_type_faults(
     return faults
 
 
-def missing_parameters(kind: EffectKind, parameters: Mapping[str, Any]) -> list[str]:
-    """Sentences about parameters without a default that were not given."""
-    return [
-        f"{spec.name} is missing ({spec.doc}); give it in {spec.unit}"
-        for spec in kind.parameters.values()
-        if spec.default is None and spec.name not in parameters
-    ]
+def missing_parameters(kind: EffectKind, parameters: Mapping[str, Any], unfitted: str | None = None) -> list[str]:
+    """Sentences about parameters without a default that were not given.
+
+    unfitted: a joint of the effect whose fit does not tell its play, None where all of them do.
+    """
+    faults = []
+    for spec in kind.parameters.values():
+        if spec.default is not None or spec.name in parameters:
+            continue
+        remedy = f"give it in {spec.unit}"
+        if spec.drawn:
+            if unfitted is None:
+                continue
+            remedy += f', or draw joint "{unfitted}" with fit.radial_clearance_m'
+        faults.append(f"{spec.name} is missing ({spec.doc}); {remedy}")
+    return faults

@@ -18,6 +18,7 @@ class ParameterSpec:
     """One declared parameter: unit, default, bounds (None is open), number of entries, meaning.
 
     joint_types: the joint types where the name is the right one; None when every type will do.
+    drawn: method of a joint's Fit that gives the value where none is written.  by_name: a fit frees it only by name.
     """
 
     name: str
@@ -28,6 +29,8 @@ class ParameterSpec:
     size: int
     doc: str
     joint_types: tuple[str, ...] | None
+    drawn: str | None = None
+    by_name: bool = False
 
     def suits(self, joint_type: str) -> bool:
         """Whether this parameter means something at a joint of that type."""
@@ -43,6 +46,12 @@ class EffectKind:
     doc: str
     simulated: bool
     parameters: dict[str, ParameterSpec]
+    choices: dict[str, tuple[str, ...]]
+    """Words that decide its structure, by name: the options, the default first."""
+
+    def suits(self, joint_type: str) -> bool:
+        """Whether any of its parameters means something at a joint of that type."""
+        return any(spec.suits(joint_type) for spec in self.parameters.values())
 
     def joint_types(self) -> str:
         """The joint types it acts at, as words."""
@@ -61,6 +70,8 @@ def _parameter(name: str, spec: dict[str, Any]) -> ParameterSpec:
         size=spec.get("size") or 1,
         doc=spec.get("doc", ""),
         joint_types=tuple(joint_types) if joint_types else None,
+        drawn=spec.get("drawn"),
+        by_name=spec.get("by_name", False),
     )
 
 
@@ -72,7 +83,8 @@ def effect_kinds() -> dict[str, EffectKind]:
     for file in ("reserved_kinds.json", "effect_kinds.json"):
         for name, entry in json.loads((folder / file).read_text("utf-8")).items():
             parameters = {key: _parameter(key, spec) for key, spec in entry["parameters"].items()}
+            choices = {key: tuple(spec["options"]) for key, spec in entry.get("choices", {}).items()}
             kinds[name] = EffectKind(
-                name, entry["acts_on"], entry.get("doc", ""), entry.get("simulated", True), parameters
+                name, entry["acts_on"], entry.get("doc", ""), entry.get("simulated", True), parameters, choices
             )
     return dict(sorted(kinds.items()))

@@ -124,7 +124,9 @@ def effect_faults(mechanism: Mechanism, effect: Effect) -> list[str]:
         named = effect.on == "all"
         joints = {joint.id: joint.type for joint in mechanism.joints if named or joint.id in effect.on}
     faults += parameter_faults(kind, effect.parameters, joints, every=effect.on == "all")
-    return faults + missing_parameters(kind, effect.parameters)
+    able = [joint for joint in mechanism.joints if joint.id in (joints or ()) and kind.suits(joint.type)]
+    unfitted = [joint.id for joint in able if joint.fit is None or joint.fit.clearance_m() is None]
+    return faults + missing_parameters(kind, effect.parameters, unfitted[0] if unfitted else None)
 
 
 def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> list[str]:

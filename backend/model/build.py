@@ -1,6 +1,7 @@
 """From a drawing to a model: bodies to arrays, effects to batches."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -49,7 +50,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     return Model(
         topology=topology,
         drawing=drawing,
-        effects=tuple(_place(kind, drawn, topology, mechanism) for kind in sorted({e.kind for e in drawn})),
+        effects=tuple(_batches(drawn, topology, mechanism)),
         drawn_poses=jnp.asarray(poses),
         marker_points=jnp.array([m.position_m for m in mechanism.markers], dtype=float).reshape(-1, 3),
         marker_ids=tuple(m.id for m in mechanism.markers),
@@ -104,17 +105,53 @@ def _length_axis(points: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     return direction if spread[np.abs(spread @ direction).argmax()] @ direction >= 0 else -direction
 
 
-def _place(kind: str, drawn: list[Effect], topology: Topology, mechanism: Mechanism) -> Placed:
-    """One batch of all drawn effects of a kind."""
+def _batches(drawn: list[Effect], topology: Topology, mechanism: Mechanism) -> Iterable[Placed]:
+    """All drawn effects, one batch per kind and structure, kinds in alphabetical order."""
+    members = [one for e in drawn for one in _with_drawn_values(e, mechanism)]
+    batches: dict[tuple, list[Effect]] = {}
+    for member in members:
+        structure = effect_of_kind(member.kind).structure(member.parameters)
+        batches.setdefault((member.kind, tuple(structure.items())), []).append(member)
+    for (kind, structure), alike in sorted(batches.items()):
+        yield _place(kind, dict(structure), alike, topology, mechanism)
+
+
+def _with_drawn_values(member: Effect, mechanism: Mechanism) -> list[Effect]:
+    """The effect itself, or one per joint where the joints' fits give what it leaves out."""
+    effect = effect_of_kind(member.kind)
+    missing = {n: d.drawn for n, d in effect.declarations().items() if d.drawn and n not in member.parameters}
+    if not missing:
+        return [member]
+    joints = _joints_of(member, effect, mechanism)
+    single = len(joints) == 1
+    made = []
+    for id_ in joints:
+        fit, values = mechanism.joint(id_).fit, dict(member.parameters)
+        for name, method in missing.items():
+            value = getattr(fit, method)() if fit else None
+            if value is None:
+                raise ValueError(
+                    f"effect '{member.id}' ({member.kind}) lacks '{name}', and the fit of joint '{id_}' does not tell "
+                    "it; give it, or draw the joint with fit.radial_clearance_m"
+                )
+            values[name] = value
+        id_of_one = member.id if single else f"{member.id}@{id_}"
+        made.append(member.model_copy(update={"id": id_of_one, "on": (id_,), "parameters": values}))
+    return made
+
+
+def _place(
+    kind: str, structure: dict[str, Any], members: list[Effect], topology: Topology, mechanism: Mechanism
+) -> Placed:
+    """One batch of effects alike in kind and structure."""
     effect = effect_of_kind(kind)
-    members = [e for e in drawn if e.kind == kind]
     rows, places = [], []
     for row, member in enumerate(members):
         for place in _places(member, effect, topology, mechanism):
             rows.append(row)
             places.append(place)
     leaves = {name: jnp.array([_value(m, name, d) for m in members]) for name, d in effect.declarations().items()}
-    return Placed(effect(**leaves), tuple(m.id for m in members), tuple(rows), tuple(places))
+    return Placed(effect(**leaves, **structure), tuple(m.id for m in members), tuple(rows), tuple(places))
 
 
 def _places(

@@ -68,7 +68,7 @@ class Model(eqx.Module):
                         name,
                         declared,
                         float(value) if declared.size == 1 else tuple(map(float, value)),
-                        self.scale.of(declared.unit),
+                        declared.typical * self.scale.of(declared.unit),
                     )
         return table
 

@@ -15,6 +15,7 @@ from backend.effects.shapes import (
     AbstractDrag,
     AbstractDrawnError,
     AbstractDryFriction,
+    AbstractJointClearance,
     AbstractJointDamping,
     AbstractJointEffort,
     AbstractJointInertia,
@@ -24,6 +25,7 @@ from backend.effects.shapes import (
 )
 from backend.joints.catalogue import joint_of_type
 from backend.joints.joint import TURN
+from backend.model.contacts import JointContacts, joint_contacts
 from backend.model.drawing import Drawing
 from backend.model.model import Model
 from backend.model.placed import Placed
@@ -45,8 +47,8 @@ class System(eqx.Module):
     """Rows of each joint that its kind holds."""
     coordinate: tuple[int | None, ...] = eqx.field(static=True)
     """The row of each joint that is its coordinate."""
-    stops: tuple[int, ...] = eqx.field(static=True)
-    """Joints with a stop; one that is driven has none."""
+    contacts: JointContacts
+    """Walls inside joints: loose holes and ends of travel."""
     load_dependent: bool = eqx.field(static=True)
     """Whether any dry friction grows with the load."""
     driven: tuple[int, ...] = eqx.field(static=True)
@@ -67,7 +69,10 @@ class System(eqx.Module):
     dry_limit: Float[Array, "joints"]
     dry_per_load: Float[Array, "joints"]
     rotor: Float[Array, "joints"]
-    stop_ends: Float[Array, "stops 2"]
+    stiffness: Float[Array, "joints"]
+    """Of springs that act through the step, along the coordinates [N m/rad or N/m]."""
+    rest: Float[Array, "joints"]
+    """Coordinate where such a spring is slack."""
     stick_rate: Float[Array, "joints"]
     barrier: Float[Array, ""]
     tolerance: float = eqx.field(static=True)
@@ -89,6 +94,12 @@ class System(eqx.Module):
     def held_rows(self) -> np.ndarray:
         """(joints, 6) rows held by the kind of joint."""
         return np.array(self.held, dtype=bool).reshape(-1, 6)
+
+    @property
+    def loose_rows(self) -> np.ndarray:
+        """(joints, 6) rows that play frees."""
+        rows = [[row in loose for row in range(6)] for loose in self.contacts.loose]
+        return np.array(rows, dtype=bool).reshape(-1, 6)
 
     @property
     def coordinate_rows(self) -> np.ndarray:
@@ -117,7 +128,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
     driven = tuple(sorted({int(j) for placed in motions for j in placed.at()}))
     types = [joint_of_type(t) for t in topology.joint_types]
     limits = [_dry_limits(placed, drawing) for placed in model.of(AbstractDryFriction)]
-    stops = tuple(sorted({int(j) for placed in model.of(AbstractJointStop) for j in placed.at()} - set(driven)))
+    coordinate = [t.coordinate for t in types]
     struts = model.of(AbstractStrut)
     anchors = [jax.vmap(lambda e: e.anchors())(placed.here) for placed in struts]
     slots, scale = topology.slots, model.scale
@@ -127,8 +138,10 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         topology=topology,
         scale=scale,
         held=tuple(t.held for t in types),
-        coordinate=tuple(t.coordinate for t in types),
-        stops=stops,
+        coordinate=tuple(coordinate),
+        contacts=joint_contacts(
+            model.of(AbstractJointClearance), model.of(AbstractJointStop), coordinate, driven, drawing.pin_radius
+        ),
         load_dependent=any(_depends_on_load(placed) for placed in model.of(AbstractDryFriction)),
         driven=driven,
         mass=drawing.mass[:slots],
@@ -146,7 +159,8 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         dry_limit=sum((limit for limit, _ in limits), jnp.zeros(joints)),
         dry_per_load=sum((slope for _, slope in limits), jnp.zeros(joints)),
         rotor=_total(joints, model.of(AbstractJointInertia), lambda e: e.inertia()),
-        stop_ends=_stop_ends(model.of(AbstractJointStop), stops, joints),
+        stiffness=jnp.zeros(joints),
+        rest=jnp.zeros(joints),
         stick_rate=STICK_RATE * jnp.where(sliding, scale.length_m, 1.0),
         barrier=BARRIER * scale.mass_kg * scale.gravity_m_per_s2 * scale.length_m,
         tolerance=tolerance,
@@ -229,15 +243,6 @@ def _total(joints: int, placed: list[Placed], value) -> Array:
 
 def _joined(parts: list[Array], empty: tuple[int, ...]) -> Array:
     return jnp.concatenate(parts) if parts else jnp.zeros(empty)
-
-
-def _stop_ends(placed: list[Placed], stops: tuple[int, ...], joints: int) -> Array:
-    """Tightest ends where several stops act at one joint."""
-    lower, upper = jnp.full(joints, -jnp.inf), jnp.full(joints, jnp.inf)
-    for p in placed:
-        low, high = jax.vmap(lambda e: e.ends())(p.here)
-        lower, upper = lower.at[p.at()].max(low), upper.at[p.at()].min(high)
-    return jnp.stack([lower, upper], -1)[np.array(stops, dtype=int)]
 
 
 def _gravity(drawing: Drawing, topology: Topology) -> list[Placed]:

@@ -15,8 +15,9 @@ from jaxtyping import Array, Float
 from backend.frames.quaternion import tangent_map
 from backend.joints.joint import TURN
 from backend.model.state import Pose
-from backend.model.system import System
-from backend.simulate import forces, kinematics, law, linear
+from backend.model.system import STICK_RATE, System
+from backend.simulate import contact, forces, kinematics, law, linear
+from backend.simulate.contact import Reach
 from backend.simulate.law import Drive, Impulses
 from backend.simulate.momentum import BodyRows, momentum, momentum_slope
 from backend.simulate.small import apply
@@ -28,15 +29,19 @@ class Motion(eqx.Module):
     pose: Pose
     momentum: BodyRows
     """P⁻ of the step before: what each body brings to q_k."""
-    xi: BodyRows
-    """Increment of the step before."""
-    xi_guess: BodyRows
-    """Where Newton's method starts."""
+    before_s: Array
+    """Length of the step before; 0 where the motion begins."""
+    velocity: BodyRows
+    """Increment of the step before, per second."""
+    acceleration: BodyRows
+    """Change of the velocity per second that Newton's method expects."""
     q: Float[Array, "joints"]
-    displacement: Float[Array, "joints"]
+    rate: Float[Array, "joints"]
     """Of the joints' coordinates in the step before."""
     lengthening: Float[Array, "struts"]
-    """Of the struts in the step before."""
+    """Rate of the struts in the step before."""
+    opening: Float[Array, "walls"]
+    """Rate of the gaps at the walls in the step before."""
     impulses: Impulses
 
 
@@ -51,6 +56,8 @@ class Frame(NamedTuple):
     """Everything at q_k that the step's equations keep fixed."""
 
     step_s: float | Array
+    weight_s: Array
+    """Time that the impulses at q_k stand for: half of the steps before and after."""
     pose: Pose
     bodies: kinematics.Bodies
     jacobian: Float[Array, "joints 6 12"]
@@ -60,7 +67,9 @@ class Frame(NamedTuple):
     given: BodyRows
     """Momentum brought in, and impulse of the forces."""
     before: BodyRows
+    """Velocity in the step before."""
     lengthening: Float[Array, "struts"]
+    """Rate of the struts in the step before."""
     drive: Drive
 
 
@@ -75,26 +84,56 @@ class Linearised(NamedTuple):
     turn: Float[Array, "slots 3 3"]
 
 
-def frame(system: System, motion: Motion, step_s: float | Array, target: Float[Array, "joints"]) -> Frame:
-    """Evaluate forces and directions at q_k.  target: q that driven joints must reach."""
+def frame(
+    system: System, motion: Motion, step_s: float | Array, target: Float[Array, "joints"], blur: float | Array = 1.0
+) -> Frame:
+    """Evaluate forces and directions at q_k.
+
+    target: q that driven joints must reach.  blur: factor on the rate below which friction holds.
+    """
     bodies = kinematics.bodies(system, motion.pose)
     rows = kinematics.rows(system, bodies)
     _, strut_slope = forces.strut_lines(system, bodies)
-    force = forces.body_forces(system, bodies, motion.xi / step_s)
-    effort = step_s * forces.joint_efforts(system, motion.q)
-    drive = Drive(step_s, effort, motion.displacement, motion.q, jnp.where(system.is_driven, target - motion.q, 0.0))
+    weight = 0.5 * (motion.before_s + step_s)
+    force = forces.body_forces(system, bodies, motion.velocity)
+    drive = Drive(
+        step_s,
+        weight,
+        step_s * blur * system.stick_rate,
+        weight * forces.joint_efforts(system, motion.q),
+        motion.rate,
+        motion.q,
+        jnp.where(system.is_driven, target - motion.q, 0.0),
+        _reach(system, motion, rows.value, step_s, weight, blur),
+    )
     return Frame(
         step_s,
+        weight,
         motion.pose,
         bodies,
         rows.jacobian,
         law.displacement(system, rows.value),
         strut_slope,
-        motion.momentum + step_s * force,
-        motion.xi,
+        motion.momentum + weight * force,
+        motion.velocity,
         motion.lengthening,
         drive,
     )
+
+
+def _reach(
+    system: System, motion: Motion, rows: Array, step_s: float | Array, weight: Array, blur: float | Array
+) -> Reach:
+    """What the walls see of q_k; an end of travel counts from where the coordinate is."""
+    contacts, step = system.contacts, jnp.asarray(step_s)
+    here = law.at_walls(system, jnp.where(system.coordinate_rows, 0.0, rows))
+    travelled = contacts.normal[:, 0] * motion.q[contacts.at]
+    room = jnp.where(np.array(contacts.travels, dtype=bool), contacts.room - travelled, contacts.room)
+    back = contact.face(contacts, room, here).gap - step * motion.opening
+    scale = system.scale
+    fall = jnp.sqrt(scale.gravity_m_per_s2 * scale.length_m)
+    stick = step * blur * STICK_RATE * scale.length_m * jnp.ones(contacts.count)
+    return Reach(room, here, back, step, 2 * step, weight, stick, contact.CREEP * fall)
 
 
 def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> tuple[Unknowns, kinematics.Rows]:
@@ -104,9 +143,10 @@ def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> 
     carried = _on_bodies(system, at.jacobian, impulses.rows)
     balance = momentum(system, xi, at.step_s, 1.0) - at.given - carried
     if system.drags:
-        balance = balance - at.step_s * forces.drag(system, at.bodies, _mean_velocity(at, xi))
+        balance = balance - at.weight_s * forces.drag(system, at.bodies, _mean_velocity(at, xi))
     if system.topology.struts:
-        pull = -0.5 * system.strut_damping * (lengthening(system, at.strut_slope, xi) + at.lengthening)
+        rate = lengthening(system, at.strut_slope, xi) / at.step_s
+        pull = -0.5 * at.weight_s * system.strut_damping * (rate + at.lengthening)
         table = system.topology.strut_sides
         balance = balance - forces.collect(table, pull[:, None] * at.strut_slope)
     return Unknowns(balance, law.residual(system, at.drive, rows.value, impulses, barrier)), rows
@@ -137,8 +177,9 @@ def linearise(system: System, at: Frame, unknowns: Unknowns, rows: kinematics.Ro
     own = momentum_slope(system, xi, at.step_s)
     if system.drags:
         drag = forces.drag_slope(system, at.bodies, _mean_velocity(at, xi))
-        own = own - 0.5 * _turn_columns(drag, turn)
-    strut = 0.5 * system.strut_damping[:, None] * _strut_there(system, at.strut_slope, turn)
+        own = own - 0.5 * at.weight_s / at.step_s * _turn_columns(drag, turn)
+    share = 0.5 * at.weight_s / at.step_s
+    strut = share * system.strut_damping[:, None] * _strut_there(system, at.strut_slope, turn)
     others = at.strut_slope[:, :, None] * strut[:, None, :]
     factor = linear.factor(system.topology, own, at.jacobian, answer, others)
     return Linearised(factor, at.jacobian, there, slope, impulses, turn)
@@ -146,18 +187,17 @@ def linearise(system: System, at: Frame, unknowns: Unknowns, rows: kinematics.Ro
 
 def direction(system: System, at: Linearised, residual: Unknowns) -> Unknowns:
     """The change of the unknowns that cancels a residual; linear in the residual."""
-    offset, stop = law.offset(system, at.slope, at.impulses, residual.impulses)
+    offset, walls = law.offset(system, at.slope, at.impulses, residual.impulses)
     moved = linear.solve(at.factor, _on_bodies(system, at.here, offset) - residual.xi)
     dy = jnp.sum(at.there * _of_pairs(system, system.topology.joints, moved)[:, None, :], -1)
-    stop_change, slack_change = law.stop_response(system, at.slope, dy)
     xi = jnp.concatenate([moved[:, :3], apply(at.turn, moved[:, 3:])], -1)
     rows = offset - law.react(system, at.slope, dy)
-    return Unknowns(xi, Impulses(rows, stop + stop_change, residual.impulses.stop + slack_change))
+    return Unknowns(xi, Impulses(rows, law.walls_respond(system, at.slope, walls, dy)))
 
 
 def _mean_velocity(at: Frame, xi: BodyRows) -> BodyRows:
     """Velocity around q_k, from the steps before and after it."""
-    return 0.5 * (at.before + xi) / at.step_s
+    return 0.5 * (at.before + xi / at.step_s)
 
 
 def _of_pairs(system: System, pairs: tuple[tuple[int, int], ...], moved: BodyRows) -> Float[Array, "pairs 12"]:

@@ -48,12 +48,13 @@ def potential_energy(system: System, trajectory: Trajectory) -> Float[Array, "no
 
 
 def constraint_error(system: System, trajectory: Trajectory) -> Float[Array, "nodes"]:
-    """Largest offset of a held direction, tilts counted at one mechanism length [m]."""
+    """Largest offset of a held direction, tilts counted at one mechanism length [m]; play is no error."""
 
     def at(pose: Pose) -> Array:
         value = kinematics.rows(system, kinematics.bodies(system, pose)).value
         unit = jnp.array([1.0] * 3 + [system.scale.length_m] * 3)
-        return jnp.max(jnp.where(system.held_rows, jnp.abs(value) * unit, 0.0), initial=0.0)
+        held = system.held_rows & ~system.loose_rows
+        return jnp.max(jnp.where(held, jnp.abs(value) * unit, 0.0), initial=0.0)
 
     return jax.vmap(at)(trajectory.pose)
 

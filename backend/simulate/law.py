@@ -2,10 +2,10 @@
 
 Every joint carries six impulses λ along its rows y.  A held row gives way by a whisker, y + ε λ = 0, which
 makes the impulses of an overconstrained mechanism unique (the compliance solve).  The coordinate's row answers
-with damping, inertia, dry friction, efforts and stops; any other row carries nothing.
+with damping, inertia, a spring, dry friction and efforts; walls inside the joint (ends of travel, a loose hole) push
+on the rows they touch; any other row carries nothing.
 
-Dry friction: λ = -D y / √(y² + (h ε_v)²), D = h limit + slope |λ_xy|.  A stop with gap g keeps γ g = κ, γ, g > 0
-(primal-dual interior point with slack s).
+Dry friction: λ = -D y / √(y² + (h ε_v)²), D = w limit + slope |λ_xy|; w is the time that a step's impulses stand for.
 """
 
 from typing import NamedTuple
@@ -15,44 +15,50 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from backend.model.system import System
-
-STOP_SIDE = np.array([1.0, -1.0])  # slope of the lower and of the upper gap in q
+from backend.simulate import contact
+from backend.simulate.contact import Push, Reach
 
 
 class Impulses(NamedTuple):
-    """What the joints carry in a step: λ per row [N s, N m s], γ per stop, s its slack [rad or m]."""
+    """What the joints carry in a step: λ along their rows [N s, N m s], and what their walls carry."""
 
     rows: Float[Array, "joints 6"]
-    stop: Float[Array, "stops 2"]
-    slack: Float[Array, "stops 2"]
+    walls: Push
 
 
 class Drive(NamedTuple):
     """What a step brings to the joints from outside its unknowns."""
 
     step_s: float | Array
+    weight_s: Array
+    """Time that the step's impulses stand for: half of the steps before and after q_k."""
+    stick: Float[Array, "joints"]
+    """Displacement below which dry friction holds."""
     effort: Float[Array, "joints"]
     """Impulse of the efforts that depend on position [N m s or N s]."""
-    before: Float[Array, "joints"]
-    """Displacement of the coordinate in the step before."""
+    rate: Float[Array, "joints"]
+    """Of the coordinates, in the step before."""
     q: Float[Array, "joints"]
     """Coordinate at the step's start."""
     target: Float[Array, "joints"]
     """Displacement that a driven coordinate must make."""
+    reach: Reach
 
 
 class Slope(NamedTuple):
-    """δλ = l₀ - K δy at one point of the law, K diagonal but for friction's dependence on the load."""
+    """δλ = l₀ - K δy at one point of the law."""
 
-    stiffness: Float[Array, "joints 6"]
-    load_coupling: Float[Array, "joints 2"]
+    diagonal: Float[Array, "joints 6"]
+    """K of the rows by themselves."""
+    full: Float[Array, "joints 6 6"] | None
+    """K, where rows depend on each other: walls, and friction that grows with the load."""
     load_friction: Float[Array, "joints 2"]
-    stop_ratio: Float[Array, "stops 2"]
+    walls: contact.Slope
 
 
 def held(system: System) -> np.ndarray:
-    """(joints, 6) rows held by the joint's kind or by a drive."""
-    return system.held_rows | (system.coordinate_rows & system.is_driven[:, None])
+    """(joints, 6) rows held by the joint's kind or by a drive; play frees its own."""
+    return (system.held_rows & ~system.loose_rows) | (system.coordinate_rows & system.is_driven[:, None])
 
 
 def free(system: System) -> np.ndarray:
@@ -66,15 +72,17 @@ def displacement(system: System, y: Float[Array, "joints 6"]) -> Float[Array, "j
 
 
 def residual(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: Impulses, barrier: Array) -> Impulses:
-    """How far the impulses are from what the laws ask: rows, then gap - slack, then γ s - κ."""
+    """How far the impulses are from what the laws ask."""
     moved = displacement(system, y)
     give = y - jnp.where(system.coordinate_rows, drive.target[:, None], 0.0) + system.compliance * impulses.rows
-    carried = jnp.sum(jnp.where(free(system), impulses.rows, 0.0), -1)
-    dry, _ = _dry(system, drive, moved, impulses.rows)
-    own = carried - _smooth(system, drive, moved) - _stop_push(system, impulses.stop) + dry
-    rows = jnp.where(held(system), give, jnp.where(free(system), own[:, None], impulses.rows))
-    gap = _gaps(system, drive, moved) - impulses.slack
-    return Impulses(rows, gap, impulses.slack * impulses.stop - barrier)
+    limit, rounded = _dry_limit(system, drive, moved, impulses.rows)
+    own = _smooth(system, drive, moved) - limit * moved / rounded
+    asked = jnp.where(free(system), own[:, None], 0.0)
+    walls = impulses.walls
+    if system.contacts.count:
+        walls, pushed = contact.residual(system.contacts, drive.reach, at_walls(system, y), walls, barrier)
+        asked = asked + _on_rows(system, pushed)
+    return Impulses(jnp.where(held(system), give, impulses.rows - asked), walls)
 
 
 def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: Impulses) -> Slope:
@@ -83,73 +91,98 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
     Dry friction's is the primal-dual one of Chan, Golub and Mulet (1999): equal to the true slope at the root, yet
     it keeps Newton's method steady while a joint changes between sticking and sliding.
     """
+    contacts = system.contacts
     moved = displacement(system, y)
     limit, rounded = _dry_limit(system, drive, moved, impulses.rows)
-    carried = jnp.sum(jnp.where(free(system), impulses.rows, 0.0), -1)
-    dry = carried - _smooth(system, drive, moved) - _stop_push(system, impulses.stop)
+    dry = jnp.sum(jnp.where(free(system), impulses.rows, 0.0), -1) - _smooth(system, drive, moved)
+    walls = _no_walls(impulses)
+    full = None
+    if contacts.count:
+        walls = contact.slope(contacts, drive.reach, at_walls(system, y), impulses.walls)
+        pushed = _on_rows(system, contact.force(contacts, walls.face, impulses.walls))
+        dry = dry - jnp.sum(jnp.where(free(system), pushed, 0.0), -1)
     dry = jnp.clip(dry, -limit, limit)
-    ratio = impulses.stop / impulses.slack
-    stiffness = 0.5 * system.damping + system.rotor / drive.step_s + (limit + dry * moved / rounded) / rounded
-    stiffness = stiffness + _at_joints(system, jnp.sum(ratio, -1))
-    rows = jnp.where(held(system), 1.0 / system.compliance, jnp.where(free(system), stiffness[:, None], 0.0))
+    own = 0.5 * drive.weight_s / drive.step_s * system.damping + system.rotor / drive.step_s
+    own = own + 0.25 * drive.weight_s * system.stiffness + (limit + dry * moved / rounded) / rounded
+    diagonal = jnp.where(held(system), 1.0 / system.compliance, jnp.where(free(system), own[:, None], 0.0))
     friction = jnp.zeros((moved.shape[0], 2))
+    if contacts.count or system.load_dependent:
+        full = diagonal[:, :, None] * jnp.eye(6)
+    if contacts.count:
+        selection = contacts.selection
+        rows = jnp.einsum("cri,crs->cis", selection, walls.stiffness)
+        walled = contacts.on_joints(jnp.einsum("cis,csj->cij", rows, selection))
+        full = full + jnp.where(held(system)[:, :, None], 0.0, walled)
     if system.load_dependent:
-        radial = impulses.rows[:, :2]
         load = _load(system, drive, impulses.rows)
-        friction = (system.dry_per_load * moved / rounded / load)[:, None] * radial
-    coupling = -friction / system.compliance[:, :2]
-    return Slope(rows, coupling, friction, ratio)
+        friction = (system.dry_per_load * moved / rounded / load)[:, None] * impulses.rows[:, :2]
+        coupled = jnp.sum(friction[:, :, None] * full[:, :2], 1)
+        full = full - jnp.where(free(system)[:, :, None], coupled[:, None, :], 0.0)
+    return Slope(diagonal, full, friction, walls)
 
 
-def offset(system: System, at: Slope, impulses: Impulses, wanted: Impulses) -> tuple[Array, Array]:
-    """l₀ and the stops' own change for residuals `wanted` (linear in them)."""
-    rows = jnp.where(held(system), wanted.rows / system.compliance, wanted.rows)
-    stop = -(wanted.slack + impulses.stop * wanted.stop) / impulses.slack
-    change = -rows
-    own = _at_joints(system, jnp.sum(STOP_SIDE * stop, -1)) - jnp.sum(at.load_friction * change[:, :2], -1)
-    return change + jnp.where(free(system), own[:, None], 0.0), stop
+def offset(system: System, at: Slope, impulses: Impulses, wanted: Impulses) -> tuple[Array, Push]:
+    """l₀ and the walls' own change for residuals `wanted` (linear in them)."""
+    change = -jnp.where(held(system), wanted.rows / system.compliance, wanted.rows)
+    walls = wanted.walls
+    if system.contacts.count:
+        walls, pushed = contact.offset(system.contacts, at.walls, impulses.walls, wanted.walls)
+        change = change + jnp.where(held(system), 0.0, _on_rows(system, pushed))
+    if system.load_dependent:
+        loaded = jnp.sum(at.load_friction * change[:, :2], -1)
+        change = change - jnp.where(free(system), loaded[:, None], 0.0)
+    return change, walls
 
 
 def answer(system: System, at: Slope, jacobian: Float[Array, "joints 6 12"]) -> Float[Array, "joints 6 12"]:
     """K J."""
-    product = at.stiffness[:, :, None] * jacobian
-    if system.load_dependent:
-        coupled = jnp.sum(at.load_coupling[:, :, None] * jacobian[:, :2], 1)
-        product = product + jnp.where(free(system)[:, :, None], coupled[:, None, :], 0.0)
-    return product
+    if at.full is None:
+        return at.diagonal[:, :, None] * jacobian
+    return jnp.einsum("jrs,jsk->jrk", at.full, jacobian)
 
 
 def react(system: System, at: Slope, dy: Float[Array, "joints 6"]) -> Float[Array, "joints 6"]:
     """K δy."""
-    product = at.stiffness * dy
-    if system.load_dependent:
-        coupled = jnp.sum(at.load_coupling * dy[:, :2], -1)
-        product = product + jnp.where(free(system), coupled[:, None], 0.0)
-    return product
+    if at.full is None:
+        return at.diagonal * dy
+    return jnp.sum(at.full * dy[:, None, :], -1)
 
 
-def stop_response(system: System, at: Slope, dy: Float[Array, "joints 6"]) -> tuple[Array, Array]:
-    """Change of γ and of the slack that a displacement brings."""
-    along = displacement(system, dy)[np.array(system.stops, dtype=int)][:, None] * STOP_SIDE
-    return -at.stop_ratio * along, along
+def walls_respond(system: System, at: Slope, own: Push, dy: Float[Array, "joints 6"]) -> Push:
+    """Change of what the walls carry: their own, and what a displacement brings."""
+    if not system.contacts.count:
+        return own
+    brought = contact.respond(system.contacts, at.walls, at_walls(system, dy))
+    return Push(*(mine + theirs for mine, theirs in zip(own, brought, strict=True)))
+
+
+def at_walls(system: System, y: Float[Array, "joints 6"]) -> Float[Array, "walls 3"]:
+    """Contact coordinates η = P y."""
+    contacts = system.contacts
+    return jnp.sum(contacts.selection * y[contacts.at][:, None, :], -1)
+
+
+def _on_rows(system: System, pushed: Float[Array, "walls 3"]) -> Float[Array, "joints 6"]:
+    return system.contacts.on_joints(jnp.sum(system.contacts.selection * pushed[:, :, None], 1))
 
 
 def _smooth(system: System, drive: Drive, moved: Array) -> Array:
-    """Impulse of damping, inertia and effort along the coordinate."""
-    damping = 0.5 * system.damping * (moved + drive.before)
-    return drive.effort - damping - system.rotor * (moved - drive.before) / drive.step_s
+    """Impulse of damping, inertia, spring and effort along the coordinate.
 
-
-def _dry(system: System, drive: Drive, moved: Array, rows: Array) -> tuple[Array, Array]:
-    limit, rounded = _dry_limit(system, drive, moved, rows)
-    return limit * moved / rounded, limit
+    The spring takes the mean (q⁻ + 2 q + q⁺) / 4 around the node, which stays stable however stiff it is.
+    """
+    rate = moved / drive.step_s
+    damping = 0.5 * drive.weight_s * system.damping * (rate + drive.rate)
+    wound = drive.q - system.rest + 0.25 * (moved - drive.step_s * drive.rate)
+    spring = drive.weight_s * system.stiffness * wound
+    return drive.effort - damping - spring - system.rotor * (rate - drive.rate)
 
 
 def _dry_limit(system: System, drive: Drive, moved: Array, rows: Array) -> tuple[Array, Array]:
-    limit = drive.step_s * system.dry_limit
+    limit = drive.weight_s * system.dry_limit
     if system.load_dependent:
         limit = limit + system.dry_per_load * _load(system, drive, rows)
-    return limit, jnp.sqrt(moved**2 + (drive.step_s * system.stick_rate) ** 2)
+    return limit, jnp.sqrt(moved**2 + drive.stick**2)
 
 
 def _load(system: System, drive: Drive, rows: Array) -> Array:
@@ -158,17 +191,9 @@ def _load(system: System, drive: Drive, rows: Array) -> Array:
     return jnp.sqrt(jnp.sum(rows[:, :2] ** 2, -1) + (drive.step_s * 1e-6 * weight) ** 2)
 
 
-def _gaps(system: System, drive: Drive, moved: Array) -> Array:
-    q = (drive.q + moved)[np.array(system.stops, dtype=int)][:, None]
-    return jnp.asarray(STOP_SIDE) * (q - system.stop_ends)
-
-
-def _stop_push(system: System, stop: Array) -> Array:
-    return _at_joints(system, jnp.sum(STOP_SIDE * stop, -1))
-
-
-def _at_joints(system: System, values: Array) -> Array:
-    """Spread values of joints with stops over all joints."""
-    if not system.stops:
-        return jnp.zeros(())
-    return jnp.zeros(len(system.coordinate)).at[np.array(system.stops, dtype=int)].set(values)
+def _no_walls(impulses: Impulses) -> contact.Slope:
+    none = impulses.walls.normal
+    two, three = jnp.zeros((0, 2)), jnp.zeros((0, 3))
+    square = jnp.zeros((0, 2, 2))
+    face = contact.Face(none, two, square, two)
+    return contact.Slope(face, jnp.zeros((0, 3, 3)), three, three, three, none, none, none)

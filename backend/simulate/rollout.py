@@ -10,14 +10,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.state import Pose, Start
 from backend.model.system import System
-from backend.simulate import forces, kinematics
+from backend.simulate import contact, forces, kinematics, law
+from backend.simulate.contact import Push
 from backend.simulate.equations import Motion, lengthening
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
 from backend.simulate.record import Record
-from backend.simulate.step import SOLUTION, step
+from backend.simulate.step import SOLUTION, Solved, step
 
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
+BLUR = 10.0  # per cut, on the rate below which friction holds: where sticking is undecided, 1 µm of creep decides
+UNSOLVED = 10.0  # times the tolerance: a step that leaves more is cut in two
 
 
 class Trajectory(eqx.Module):
@@ -32,80 +35,85 @@ class Trajectory(eqx.Module):
     """Of the joints' coordinates [rad/s or m/s]."""
     reaction: Float[Array, "nodes joints 6"]
     """Along the joints' rows: forces [N] and torques [N m] on body B."""
+    wall: Float[Array, "nodes walls"]
+    """Normal force at the walls inside joints [N; N m at an end of turning]."""
     iterations: Int[Array, "nodes"]
     error: Float[Array, "nodes"]
     """Residual of the step, in mechanism lengths."""
     lost: Bool[Array, "nodes"]
     """True from the first step that could not be solved: the motion is frozen there."""
+    halvings: Int[Array, "nodes"]
+    """How often the step was cut in two before it could be solved."""
 
 
-def depart(system: System, start: Start, step_s: float | Array) -> Motion:
-    """The motion that begins at a start: half a step's impulses are taken back, for no step led here."""
+def depart(system: System, start: Start) -> Motion:
+    """The motion that begins at a start: no step led here, so the first one carries half a step's impulses."""
     bodies = kinematics.bodies(system, start.pose)
-    jacobian = kinematics.rows(system, bodies).jacobian
-    joints = len(system.coordinate)
-    q = kinematics.coordinates(system, bodies)
-    xi = step_s * start.velocity
-    moved = joint_rates(system, jacobian, xi)
+    rows = kinematics.rows(system, bodies)
     _, strut_slope = forces.strut_lines(system, bodies)
-    lengthened = lengthening(system, strut_slope, xi)
-    efforts = forces.joint_efforts(system, q) - _resistance(system, moved / step_s)
-    rows = jnp.where(system.coordinate_rows, efforts[:, None], 0.0)
-    acting = forces.body_forces(system, bodies, start.velocity) + forces.drag(system, bodies, start.velocity)
-    acting = acting + forces.collect(system.topology.joint_sides, jnp.sum(jacobian * rows[:, :, None], 1))
-    damping = -system.strut_damping * lengthened / step_s
-    if system.topology.struts:
-        acting = acting + forces.collect(system.topology.strut_sides, damping[:, None] * strut_slope)
-    stops = len(system.stops)
+    joints, walls = len(system.coordinate), system.contacts.count
+    rates = all_rates(system, rows.jacobian, start.velocity)
     return Motion(
         pose=start.pose,
-        momentum=instantaneous(system, start.velocity) - 0.5 * step_s * acting,
-        xi=xi,
-        xi_guess=xi,
-        q=q,
-        displacement=moved,
-        lengthening=lengthened,
-        impulses=Impulses(jnp.zeros((joints, 6)), jnp.zeros((stops, 2)), jnp.ones((stops, 2))),
+        momentum=instantaneous(system, start.velocity),
+        before_s=jnp.zeros(()),
+        velocity=start.velocity,
+        acceleration=jnp.zeros_like(start.velocity),
+        q=kinematics.coordinates(system, bodies),
+        rate=law.displacement(system, rates),
+        lengthening=lengthening(system, strut_slope, start.velocity),
+        opening=_opening(system, rows.value, rates),
+        impulses=Impulses(jnp.zeros((joints, 6)), Push(jnp.zeros(walls), jnp.ones(walls), jnp.zeros(walls))),
     )
 
 
-def joint_rates(system: System, jacobian: Float[Array, "joints 6 12"], velocity: Array) -> Float[Array, "joints"]:
-    """Rate of every coordinate under a velocity (or displacement under an increment) of the bodies."""
-    along = jnp.sum(jnp.where(system.coordinate_rows[:, :, None], jacobian, 0.0), 1)
+def _opening(system: System, value: Array, rates: Array) -> Array:
+    """Rate of the walls' gaps when the joints' rows change at these rates."""
+    contacts = system.contacts
+    here = law.at_walls(system, jnp.where(system.coordinate_rows, 0.0, value))
+    normal = contact.face(contacts, contacts.room, here).normal
+    return -jnp.sum(normal * law.at_walls(system, rates)[:, :2], -1)
+
+
+def all_rates(system: System, jacobian: Float[Array, "joints 6 12"], velocity: Array) -> Float[Array, "joints 6"]:
+    """Rates of all rows under a velocity of the bodies."""
     pairs = jnp.concatenate([velocity, jnp.zeros_like(system.fixed_position).repeat(2, 1)])[system.pairs]
-    return jnp.sum(along * pairs.reshape(-1, 12), -1)
-
-
-def _resistance(system: System, rate: Float[Array, "joints"]) -> Float[Array, "joints"]:
-    """Damping and dry friction (without its load, which only the first step knows) at a rate."""
-    return system.damping * rate + system.dry_limit * rate / jnp.sqrt(rate**2 + system.stick_rate**2)
+    return jnp.sum(jacobian * pairs.reshape(-1, 1, 12), -1)
 
 
 class Seen(NamedTuple):
-    """What each step leaves behind: the pose it left from, and what it did."""
+    """What is known of a node once the step from it is done; see Trajectory."""
 
     pose: Pose
-    xi: Float[Array, "steps slots 6"]
-    displacement: Float[Array, "steps joints"]
+    velocity: Float[Array, "steps slots 6"]
     q: Float[Array, "steps joints"]
-    rows: Float[Array, "steps joints 6"]
+    rate: Float[Array, "steps joints"]
+    reaction: Float[Array, "steps joints 6"]
+    wall: Float[Array, "steps walls"]
     iterations: Int[Array, "steps"]
     error: Float[Array, "steps"]
     lost: Bool[Array, "steps"]
+    halvings: Int[Array, "steps"]
 
 
 def rollout(
-    system: System, start: Start, step_s: float | Array, steps: int, record: Record | None = None
+    system: System,
+    start: Start,
+    step_s: float | Array,
+    steps: int,
+    record: Record | None = None,
+    halvings: int = 0,
 ) -> Trajectory:
     """Move for `steps` steps of `step_s` seconds.
 
-    record: known drives, sampled on the steps (see `record.on_steps`).  A step that cannot be solved freezes the
-    motion and sets `lost` from there on, so that one jammed sample never spoils a batch.
+    record: known drives, sampled on the steps (see `record.on_steps`).  A step that cannot be solved is cut in two, up
+    to `halvings` times (0 where derivatives backwards in time are wanted); after that the motion freezes and `lost` is
+    set from there on, so that one jammed sample never spoils a batch.
     """
     # One step more than asked: a node's velocity needs the step that follows it.
-    carry = (depart(system, start, step_s), jnp.zeros((), dtype=bool))
-    _, seen = march(system, carry, step_s, steps + 1, record)
-    return trajectory(seen, start, carry[0].displacement, step_s)
+    carry = (depart(system, start), jnp.zeros((), dtype=bool))
+    _, seen = march(system, carry, step_s, steps + 1, record, halvings)
+    return trajectory(seen, step_s)
 
 
 # Backwards in time, each step is set up again from its solution: less memory than keeping its slopes, and faster.
@@ -113,43 +121,107 @@ _frugal_step = jax.checkpoint(step, policy=jax.checkpoint_policies.save_only_the
 
 
 def march(
-    system: System, carry: tuple[Motion, Array], step_s: float | Array, steps: int, record: Record | None
+    system: System,
+    carry: tuple[Motion, Array],
+    step_s: float | Array,
+    steps: int,
+    record: Record | None,
+    halvings: int = 0,
 ) -> tuple[tuple[Motion, Array], Seen]:
     """Some steps from where a motion stands; the carry is the motion and whether it is lost."""
 
     def advance(carry: tuple[Motion, Array], drives: Array | None) -> tuple[tuple[Motion, Array], Seen]:
         motion, lost = carry
         acting = system if record is None or drives is None else record.apply(system, drives)
-        after, solved = _frugal_step(acting, motion, step_s, _targets(acting))
-        # The comparison is written so that a NaN counts as lost.
-        lost = lost | ~(solved.error < LOST)
-        kept = jax.tree.map(lambda old, new: jnp.where(lost, old, new), motion, after)
-        rows = solved.unknowns.impulses.rows
-        seen = Seen(motion.pose, kept.xi, kept.displacement, motion.q, rows, solved.iterations, solved.error, lost)
-        return (kept, lost), seen
+        if halvings:
+            after, gone, seen = _cut_step(acting, motion, lost, step_s, halvings)
+        else:
+            after, solved = _frugal_step(acting, motion, step_s, _targets(acting))
+            gone = lost | _failed(solved, LOST)
+            seen = _node(motion, after, solved, step_s, gone)
+        kept = jax.tree.map(lambda old, new: jnp.where(gone, old, new), motion, after)
+        return (kept, gone), seen._replace(lost=gone)
 
     return lax.scan(advance, carry, None if record is None else record.values, length=steps)
 
 
-def trajectory(seen: Seen, start: Start, displacement: Float[Array, "joints"], step_s: float | Array) -> Trajectory:
-    """Nodes of a motion from its steps, one fewer; displacement: of the coordinates, in a step before the start."""
-    nodes = seen.q.shape[0]
-    return Trajectory(
-        time_s=step_s * jnp.arange(nodes),
-        pose=seen.pose,
-        velocity=_at_nodes(seen.xi, start.velocity, step_s),
-        q=seen.q,
-        rate=_at_nodes(seen.displacement, displacement / step_s, step_s),
-        reaction=(seen.rows / step_s).at[0].multiply(2.0),  # the first step carries half a step's impulses
-        iterations=seen.iterations,
-        error=seen.error,
-        lost=seen.lost,
+class _Attempt(NamedTuple):
+    motion: Motion
+    done: Array
+    """Share of the step that is behind."""
+    cuts: Array
+    gone: Array
+    node: Seen
+
+
+def _cut_step(
+    system: System, motion: Motion, lost: Array, step_s: float | Array, halvings: int
+) -> tuple[Motion, Array, Seen]:
+    """One step, in as many pieces as Newton's method needs."""
+    target = _targets(system)
+
+    def unfinished(now: _Attempt) -> Array:
+        return (now.done < 1.0) & ~now.gone
+
+    def attempt(now: _Attempt) -> _Attempt:
+        share = 0.5**now.cuts
+        along = motion.q + (now.done + share) * (target - motion.q)
+        after, solved = step(system, now.motion, share * step_s, along, BLUR**now.cuts)
+        last = now.cuts == halvings
+        failed = _failed(solved, jnp.where(last, LOST, UNSOLVED * system.tolerance))
+        node = _node(now.motion, after, solved, share * step_s, now.gone)
+        first = ~failed & (now.done == 0.0)
+        node = jax.tree.map(lambda old, new: jnp.where(first, new, old), now.node, node)
+        node = node._replace(
+            iterations=now.node.iterations + solved.iterations,
+            error=jnp.where(failed & ~last, now.node.error, jnp.fmax(now.node.error, solved.error)),
+            halvings=jnp.maximum(now.node.halvings, now.cuts),
+        )
+        return _Attempt(
+            jax.tree.map(lambda old, new: jnp.where(failed, old, new), now.motion, after),
+            jnp.where(failed, now.done, now.done + share),
+            jnp.where(failed & ~last, now.cuts + 1, now.cuts),
+            failed & last,
+            node,
+        )
+
+    joints, walls = len(system.coordinate), system.contacts.count
+    none, count = jnp.zeros(()), jnp.zeros((), dtype=int)
+    still, rows = jnp.zeros_like(motion.velocity), jnp.zeros((joints, 6))
+    node = Seen(motion.pose, still, motion.q, jnp.zeros(joints), rows, jnp.zeros(walls), count, none, lost, count)
+    end = lax.while_loop(unfinished, attempt, _Attempt(motion, none, count, lost, node))
+    return end.motion, end.gone, end.node
+
+
+def _failed(solved: Solved, bound: float | Array) -> Array:
+    """The comparison is written so that a NaN counts as failed."""
+    return ~(solved.error < bound)
+
+
+def _node(motion: Motion, after: Motion, solved: Solved, step_s: float | Array, lost: Array) -> Seen:
+    """What stands at q_k: velocities of the steps before and after it, weighed by the time to their middles."""
+    before, weight = motion.before_s, 0.5 * (motion.before_s + step_s)
+
+    def between(arriving: Array, leaving: Array) -> Array:
+        return (step_s * arriving + before * leaving) / (before + step_s)
+
+    return Seen(
+        pose=motion.pose,
+        velocity=between(motion.velocity, after.velocity),
+        q=motion.q,
+        rate=between(motion.rate, after.rate),
+        reaction=solved.unknowns.impulses.rows / weight,
+        wall=solved.unknowns.impulses.walls.normal / weight,
+        iterations=solved.iterations,
+        error=solved.error,
+        lost=lost,
+        halvings=jnp.zeros((), dtype=int),
     )
 
 
-def _at_nodes(increments: Array, first: Array, step_s: float | Array) -> Array:
-    """Central differences of increments, and the known value at the start."""
-    return jnp.concatenate([first[None], (increments[:-1] + increments[1:]) / (2 * step_s)])
+def trajectory(seen: Seen, step_s: float | Array) -> Trajectory:
+    """The nodes of a motion."""
+    return Trajectory(time_s=step_s * jnp.arange(seen.q.shape[0]), **seen._asdict())
 
 
 def _targets(system: System) -> Float[Array, "joints"]:

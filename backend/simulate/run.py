@@ -34,6 +34,7 @@ Series = tuple[Address, np.ndarray, np.ndarray]
 
 
 _march = eqx.filter_jit(march)
+HALVINGS = 6  # times a step may be cut in two before the motion is lost
 _depart = eqx.filter_jit(depart)
 _closed = eqx.filter_jit(closed)
 
@@ -139,19 +140,19 @@ def _followed(
 ) -> Trajectory:
     """The rollout in chunks, so that progress can be shown and one program serves any duration."""
     chunk, step = min(CHUNK, steps + 1), jnp.asarray(step_s)
-    motion = _depart(plant, start, step)
+    motion = _depart(plant, start)
     carry, parts = (motion, jnp.zeros((), dtype=bool)), []
     for first in range(0, steps + 1, chunk):
         part = None
         if record is not None:
             rows = np.minimum(np.arange(first, first + chunk), record.values.shape[0] - 1)
             part = Record(record.values[rows], record.addresses)
-        carry, seen = _march(plant, carry, step, chunk, part)
+        carry, seen = _march(plant, carry, step, chunk, part, HALVINGS)
         parts.append(seen)
         if progress:
             progress(min(first + chunk, steps), steps)
     seen: Seen = jax.tree.map(lambda *leaves: jnp.concatenate(leaves)[: steps + 1], *parts)
-    return trajectory(seen, start, motion.displacement, step_s)
+    return trajectory(seen, step_s)
 
 
 def as_run(name: str, model: Model, plant: System, path: Trajectory, step_s: float) -> Run:

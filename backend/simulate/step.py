@@ -4,12 +4,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.system import System
-from backend.simulate import kinematics, law
+from backend.simulate import contact, kinematics, law
+from backend.simulate.contact import Push
 from backend.simulate.equations import (
     Frame,
     Motion,
@@ -21,14 +23,15 @@ from backend.simulate.equations import (
     lengthening,
     linearise,
 )
-from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows, momentum
 
-MAX_ITERATIONS = 40
+MAX_ITERATIONS = 45
+RESTART = 20  # iterations after which walls are opened and Newton's method begins again
 LARGEST_TURN = 1.0  # rad in one step: beyond it the quaternion step loses its inverse
 TO_BOUNDARY = 0.99  # fraction of the way to γ = 0 or s = 0 that an iteration may go
-BARRIER_FALL = 0.1
-BARRIER_START = 1e3  # times the final barrier
+BARRIER_FALL = 0.1  # share of the walls' mean γ s that an iteration aims at, at best
+WARMTH = 10.0  # times the barrier that a wall's γ s starts with if it pushed before
+OPEN_HOLE, OPEN_STOP = 1e-2, 1e-3  # slack that walls start with: share of the room, and rad or m
 SOLUTION = "solution of a step"  # all that a derivative backwards in time keeps of it
 
 
@@ -49,28 +52,34 @@ def close(system: System, at: Frame, guess: Unknowns) -> Solved:
 def _newton(system: System, at: Frame, guess: Unknowns) -> tuple[Solved, kinematics.Rows]:
     """The solution, and the joints' rows there."""
     barrier = _barrier(system, at)
-    interior = bool(system.stops)
+    interior = bool(system.contacts.count)
+    cold = _opened(system, at, guess, jnp.inf) if interior else guess
 
     def unfinished(carry: tuple) -> Bool[Array, ""]:
         _, _, _, iterations, error, _ = carry
         return (error > system.tolerance) & (iterations < MAX_ITERATIONS)
 
     def iterate(carry: tuple) -> tuple:
-        unknowns, residual, rows, iterations, _, aim = carry
+        unknowns, residual, rows, iterations, _, fraction = carry
         if interior:
-            gap = unknowns.impulses.stop * unknowns.impulses.slack
-            aim = jnp.maximum(barrier, BARRIER_FALL * jnp.minimum(jnp.max(gap), aim))
-            centred = residual.impulses._replace(slack=gap - aim)
-            residual = residual._replace(impulses=centred)
+            walls = unknowns.impulses.walls
+            product = walls.normal * walls.slack
+            aim = jnp.maximum(barrier, _centring(fraction) * jnp.mean(product))
+            centred = residual.impulses.walls._replace(slack=product - aim)
+            residual = residual._replace(impulses=residual.impulses._replace(walls=centred))
         change = direction(system, linearise(system, at, unknowns, rows), residual)
-        fraction = _fraction(unknowns.impulses, change.impulses) if interior else 1.0
+        fraction = _fraction(unknowns.impulses.walls, change.impulses.walls) if interior else fraction
         unknowns = jax.tree.map(lambda z, dz: z + fraction * dz, unknowns, change)
         unknowns = unknowns._replace(xi=_shortened(unknowns.xi))
+        if interior:
+            again = iterations + 1 == RESTART
+            unknowns = jax.tree.map(lambda z, fresh: jnp.where(again, fresh, z), unknowns, cold)
+            fraction = jnp.where(again, 1.0, fraction)
         residual, rows = equations(system, at, unknowns, barrier)
-        return unknowns, residual, rows, iterations + 1, _size(system, at, residual, barrier), aim
+        return unknowns, residual, rows, iterations + 1, _size(system, at, residual, barrier), fraction
 
     residual, rows = equations(system, at, guess, barrier)
-    start = (guess, residual, rows, 0, _size(system, at, residual, barrier), BARRIER_START * barrier)
+    start = (guess, residual, rows, 0, _size(system, at, residual, barrier), jnp.ones(()))
     unknowns, _, rows, iterations, error, _ = lax.while_loop(unfinished, iterate, start)
     return Solved(unknowns, jnp.asarray(iterations), error), rows
 
@@ -97,38 +106,68 @@ def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
 
 
 def step(
-    system: System, motion: Motion, step_s: float | Array, target: Float[Array, "joints"]
+    system: System,
+    motion: Motion,
+    step_s: float | Array,
+    target: Float[Array, "joints"],
+    blur: float | Array = 1.0,
 ) -> tuple[Motion, Solved]:
-    """Advance one time step: move freely, close the joints, respect friction and stops."""
-    at = frame(system, motion, step_s, target)
+    """Advance one time step: move freely, close the joints, respect friction and walls.
+
+    blur: factor on the rate below which friction holds.
+    """
+    at = frame(system, motion, step_s, target, blur)
     solved = close(system, at, _guess(system, at, motion))
     xi, impulses = solved.unknowns
     pose = at.pose.advance(xi)
     placed = kinematics.bodies(system, pose)
     q = kinematics.unwrap(system, kinematics.coordinates(system, placed), motion.q)
-    moved = law.displacement(system, ahead(system, at, xi).value)
+    there = ahead(system, at, xi).value
+    velocity = xi / step_s
     after = Motion(
         pose=pose,
         momentum=momentum(system, xi, step_s, -1.0),
-        xi=xi,
-        xi_guess=2 * xi - motion.xi,
+        before_s=jnp.asarray(step_s),
+        velocity=velocity,
+        acceleration=(velocity - motion.velocity) / at.weight_s,
         q=q,
-        displacement=moved,
-        lengthening=lengthening(system, at.strut_slope, xi),
+        rate=law.displacement(system, there) / step_s,
+        lengthening=lengthening(system, at.strut_slope, xi) / step_s,
+        opening=_opening(system, at, there),
         impulses=jax.tree.map(lax.stop_gradient, impulses),
     )
     return after, solved
 
 
+def _opening(system: System, at: Frame, there: Float[Array, "joints 6"]) -> Float[Array, "walls"]:
+    """Rate of the gaps at the walls."""
+    reach = at.drive.reach
+    gaps = [contact.face(system.contacts, reach.room, eta).gap for eta in (law.at_walls(system, there), reach.here)]
+    return (gaps[0] - gaps[1]) / at.step_s
+
+
 def _guess(system: System, at: Frame, motion: Motion) -> Unknowns:
-    """Keep accelerating as before; stops start a little open."""
-    xi = _shortened(motion.xi_guess)
-    stop, slack = motion.impulses.stop, motion.impulses.slack
-    if system.stops:
-        open_by = 1e-3 * jnp.ones_like(slack)
-        slack = jnp.maximum(slack, open_by)
-        stop = jnp.maximum(stop, _barrier(system, at) / slack)
-    return Unknowns(xi, lax.stop_gradient(Impulses(motion.impulses.rows, stop, slack)))
+    """Keep accelerating as before; walls that pushed begin almost closed."""
+    xi = _shortened(at.step_s * (motion.velocity + at.step_s * motion.acceleration))
+    guess = Unknowns(xi, motion.impulses)
+    return lax.stop_gradient(_opened(system, at, guess, WARMTH))
+
+
+def _opened(system: System, at: Frame, guess: Unknowns, warmth: float) -> Unknowns:
+    """Walls as far open as the motion would leave them, or a little; at most `warmth` times the barrier off."""
+    if not system.contacts.count:
+        return guess
+    reach, walls = at.drive.reach, guess.impulses.walls
+    gap = contact.face(system.contacts, reach.room, reach.here).gap
+    gap = 2 * gap - reach.back
+    barrier = _barrier(system, at)
+    ends = np.array(system.contacts.travels, dtype=bool)
+    least = jnp.where(ends, OPEN_STOP, OPEN_HOLE * reach.room)
+    if warmth < np.inf:
+        least = jnp.minimum(least, warmth * barrier / jnp.maximum(walls.normal, 1e-300))
+    slack = jnp.maximum(gap, least)
+    walls = Push(jnp.maximum(walls.normal, barrier / slack), slack, walls.rub)
+    return guess._replace(impulses=guess.impulses._replace(walls=walls))
 
 
 def _barrier(system: System, at: Frame) -> Array:
@@ -147,21 +186,28 @@ def _size(system: System, at: Frame, residual: Unknowns, barrier: Array) -> Floa
     held = law.held(system)
     rows = jnp.abs(residual.impulses.rows) * jnp.where(held, row_scale, impulse)
     parts = [linear_part, turning, rows]
-    if system.stops:
+    if system.contacts.count:
+        walls = residual.impulses.walls
         parts += [
-            jnp.abs(residual.impulses.stop),
-            system.tolerance * jnp.abs(residual.impulses.slack) / (1e-3 * barrier),
+            jnp.abs(walls.normal) / length,
+            system.tolerance * jnp.abs(walls.slack) / (1e-3 * barrier),
+            jnp.abs(walls.rub) * impulse * length,
         ]
     return jnp.max(jnp.stack([jnp.max(part, initial=0.0) for part in parts]))
 
 
-def _fraction(now: Impulses, change: Impulses) -> Float[Array, ""]:
+def _centring(fraction: Array) -> Array:
+    """Share of the walls' mean product to aim at: bold where the iteration before went all the way."""
+    return jnp.clip(1.0 - fraction, BARRIER_FALL, 1.0)
+
+
+def _fraction(now: Push, change: Push) -> Float[Array, ""]:
     """Largest step that keeps γ and s inside, at most a whole one."""
 
     def room(value: Array, by: Array) -> Array:
         return jnp.min(jnp.where(by < 0, -value / jnp.where(by < 0, by, -1.0), jnp.inf))
 
-    return jnp.minimum(1.0, TO_BOUNDARY * jnp.minimum(room(now.stop, change.stop), room(now.slack, change.slack)))
+    return jnp.minimum(1.0, TO_BOUNDARY * jnp.minimum(room(now.normal, change.normal), room(now.slack, change.slack)))
 
 
 def _shortened(xi: BodyRows) -> BodyRows:

@@ -43,7 +43,7 @@ def example(kind):
 @pytest.mark.parametrize("kind", EFFECTS)
 def test_array_leaves_are_the_declared_parameters_and_nothing_else(kind):
     effect = EFFECTS[kind]
-    leaves = [field.name for field in dataclasses.fields(effect)]
+    leaves = [field.name for field in dataclasses.fields(effect) if not field.metadata.get("static")]
     assert leaves == list(effect.declarations())
     assert len(jax.tree.leaves(example(kind))) == len(leaves)
     assert all(eqx.is_inexact_array(leaf) for leaf in jax.tree.leaves(example(kind)))
@@ -184,7 +184,7 @@ def loaded():
 def test_the_slope_in_every_parameter_agrees_with_differences(address, loaded):
     unit = {a: jnp.asarray(float(a == address)) for a in loaded}
     exact = np.asarray(rig.slope(rig.laden(), loaded, unit))
-    by = 1e-4 * max(abs(float(loaded[address])), 1e-3)
+    by = 1e-3 * max(abs(float(loaded[address])), 1e-3)  # smaller, and the steps' own rounding shows
     up, down = (rig.seen(rig.laden(), {**loaded, address: loaded[address] + s * by}) for s in (1, -1))
     difference = np.asarray(up - down) / (2 * by)
     assert np.linalg.norm(exact) > 0

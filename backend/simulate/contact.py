@@ -1,0 +1,175 @@
+"""What a wall answers to a part that reaches it: normal push, its give and rebound, and friction along it.
+
+Push γ and slack s stay positive and keep s γ = κ (primal-dual interior point); the slack is
+
+    s = (g⁺ + e g⁻) / (1 + e) + γ c(ġ) / w,
+
+g⁺ and g⁻ the gaps one step ahead and one step back, e the restitution, w the time that the impulse stands for.  With a
+rigid wall this is the scheme of Paoli and Schatzman (2002): a blow at speed v leaves with e v, whatever the masses.
+A wall with give c loses the same share in its own way: it loads with stiffness 2 / (1 + e²) and unloads with e² of
+that over c (Walton and Braun 1986), so its mean stiffness is 1 / c.
+
+Friction f along the wall is regularised Coulomb's, f = -μ γ u / √(u² + (h ε_v)²), u the sliding of the pin's surface.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from backend.model.contacts import ROUND_TIP, JointContacts
+
+CREEP = 1e-3  # of the speed of a fall through one mechanism length: slower than this, give has no direction
+
+
+class Push(NamedTuple):
+    """What the walls carry in a step: γ [N s], its slack [m or rad], friction impulse [N s]."""
+
+    normal: Float[Array, "walls"]
+    slack: Float[Array, "walls"]
+    rub: Float[Array, "walls"]
+
+
+class Reach(NamedTuple):
+    """What a step keeps fixed at the walls."""
+
+    room: Float[Array, "walls"]
+    here: Float[Array, "walls 3"]
+    """Contact coordinates at q_k."""
+    back: Float[Array, "walls"]
+    """Gap one step back."""
+    step_s: Float[Array, ""]
+    span_s: Float[Array, ""]
+    """From the node before to the node ahead."""
+    weight_s: Float[Array, ""]
+    stick: Float[Array, "walls"]
+    """Sliding per step below which friction holds [m]."""
+    creep: Float[Array, ""]
+
+
+class Face(NamedTuple):
+    """The walls' geometry at contact coordinates η: gap, outward normal, its slope, and the direction along."""
+
+    gap: Float[Array, "walls"]
+    normal: Float[Array, "walls 2"]
+    bend: Float[Array, "walls 2 2"]
+    along: Float[Array, "walls 2"]
+
+
+class Slope(NamedTuple):
+    """How normal push and friction follow η: δγ = γ₀ - a·δη, δf = f₀ - b·δη, δs = s₀ + ...; K of the force on η."""
+
+    face: Face
+    stiffness: Float[Array, "walls 3 3"]
+    a: Float[Array, "walls 3"]
+    b: Float[Array, "walls 3"]
+    ahead: Float[Array, "walls 3"]
+    """Slope of the slack's law in η."""
+    give: Float[Array, "walls"]
+    """Slope of the slack's law in γ."""
+    sliding: Float[Array, "walls"]
+    """μ u / √(u² + ..)."""
+    room: Float[Array, "walls"]
+    """s + γ c."""
+
+
+def face(contacts: JointContacts, room: Float[Array, "walls"], eta: Float[Array, "walls 3"]) -> Face:
+    """Gap and directions at η; the gap of a circle is zero exactly where |η₁₂| = room."""
+    d = eta[:, :2]
+    tip = ROUND_TIP * room
+    length = jnp.sqrt(jnp.sum(d * d, -1) + jnp.where(contacts.is_round, tip * tip, 1.0))
+    is_round = contacts.is_round[:, None]
+    normal = jnp.where(is_round, d / length[:, None], contacts.normal)
+    bend = (jnp.eye(2) - normal[:, :, None] * normal[:, None, :]) / length[:, None, None]
+    flat_gap = room - jnp.sum(normal * d, -1)
+    gap = jnp.where(contacts.is_round, room * jnp.sqrt(1.0 + ROUND_TIP**2) - length, flat_gap)
+    along = jnp.stack([-normal[:, 1], normal[:, 0]], -1)
+    return Face(gap, normal, jnp.where(is_round[:, :, None], bend, 0.0), along)
+
+
+def force(contacts: JointContacts, at: Face, push: Push) -> Float[Array, "walls 3"]:
+    """Impulse on the contact coordinates."""
+    planar = -push.normal[:, None] * at.normal
+    if not contacts.rubs:
+        return jnp.concatenate([planar, jnp.zeros_like(planar[:, :1])], -1)
+    planar = planar + push.rub[:, None] * at.along
+    return jnp.concatenate([planar, push.rub[:, None]], -1)
+
+
+def residual(contacts: JointContacts, reach: Reach, eta: Array, push: Push, barrier: Array) -> tuple[Push, Array]:
+    """How far gap, complementarity and friction are from their laws, and the impulse on η."""
+    at = face(contacts, reach.room, eta)
+    gap, _, give, _ = _slack(contacts, reach, at, push)
+    open_by = gap + give * push.normal - push.slack
+    rub = push.rub
+    if contacts.rubs:
+        u, _, rounded = _sliding(reach, at, eta)
+        rub = push.rub + contacts.friction * push.normal * u / rounded
+    return Push(open_by, push.slack * push.normal - barrier, rub), force(contacts, at, push)
+
+
+def slope(contacts: JointContacts, reach: Reach, eta: Array, push: Push) -> Slope:
+    """Slope of the laws at a point; friction's is the primal-dual one of Chan, Golub and Mulet (1999)."""
+    at = face(contacts, reach.room, eta)
+    _, closing, give, give_slope = _slack(contacts, reach, at, push)
+    gamma, s = push.normal, push.slack
+    weight = -1.0 / (1.0 + contacts.restitution)
+    ahead = (weight + gamma * give_slope * closing)[:, None] * at.normal
+    ahead = jnp.concatenate([ahead, jnp.zeros_like(ahead[:, :1])], -1)
+    room = s + gamma * give
+    a = (gamma / room)[:, None] * ahead
+    normal = jnp.concatenate([at.normal, jnp.zeros_like(a[:, :1])], -1)
+    bend = gamma[:, None, None] * at.bend
+    stiffness = -normal[:, :, None] * a[:, None, :]
+    zero = jnp.zeros_like(gamma)
+    b, sliding = jnp.zeros_like(a), zero
+    if contacts.rubs:
+        u, d, rounded = _sliding(reach, at, eta)
+        limit = contacts.friction * gamma
+        rub = jnp.clip(push.rub, -limit, limit)
+        turned = jnp.stack([at.bend[:, 1], -at.bend[:, 0]], 1)  # d along / d η = (-bend₂, bend₁), so -turned
+        slip = at.along - jnp.sum(turned * d[:, :, None], 1)
+        slip = jnp.concatenate([slip, jnp.ones_like(slip[:, :1])], -1)
+        sliding = contacts.friction * u / rounded
+        b = ((limit + rub * u / rounded) / rounded)[:, None] * slip - sliding[:, None] * a
+        along = jnp.concatenate([at.along, jnp.ones_like(slip[:, :1])], -1)
+        stiffness = stiffness + along[:, :, None] * b[:, None, :]
+        bend = bend + push.rub[:, None, None] * turned
+    stiffness = stiffness.at[:, :2, :2].add(bend)
+    return Slope(at, stiffness, a, b, ahead, give, sliding, room)
+
+
+def offset(contacts: JointContacts, at: Slope, push: Push, wanted: Push) -> tuple[Push, Array]:
+    """Change of push and friction at fixed η that cancels residuals `wanted`, and of the impulse on η."""
+    gamma = -(wanted.slack + push.normal * wanted.normal) / at.room
+    rub = -wanted.rub - at.sliding * gamma if contacts.rubs else jnp.zeros_like(gamma)
+    change = Push(gamma, wanted.normal + at.give * gamma, rub)
+    return change, force(contacts, at.face, change)
+
+
+def respond(contacts: JointContacts, at: Slope, deta: Float[Array, "walls 3"]) -> Push:
+    """Change of push, slack and friction that a motion of η brings."""
+    gamma = -jnp.sum(at.a * deta, -1)
+    slack = jnp.sum(at.ahead * deta, -1) + at.give * gamma
+    return Push(gamma, slack, -jnp.sum(at.b * deta, -1))
+
+
+def _slack(contacts: JointContacts, reach: Reach, at: Face, push: Push) -> tuple[Array, Array, Array, Array]:
+    """Weighted gap, d(closing speed)/d(η along the normal), give per impulse, and its slope in the closing speed."""
+    e = contacts.restitution
+    gap = (at.gap + e * reach.back) / (1.0 + e)
+    closing = (reach.back - at.gap) / reach.span_s
+    sharp = jnp.sqrt(closing**2 + reach.creep**2)
+    lost = (1.0 - e * e) / (1.0 + e * e)
+    stiff = 1.0 + lost * closing / sharp
+    stiff_slope = lost * (reach.creep / sharp) ** 2 / sharp
+    give = contacts.give / (reach.weight_s * stiff)
+    return gap, 1.0 / reach.span_s, give, -give * stiff_slope / stiff
+
+
+def _sliding(reach: Reach, at: Face, eta: Array) -> tuple[Array, Array, Array]:
+    """Sliding u of the surfaces, displacement of η₁₂, and √(u² + (h ε_v)²)."""
+    moved = eta - reach.here
+    d = moved[:, :2]
+    u = jnp.sum(at.along * d, -1) + moved[:, 2]
+    return u, d, jnp.sqrt(u * u + reach.stick**2)
