@@ -21,7 +21,8 @@ from backend.simulate.redundancy import removed_rows
 from backend.simulate.rollout import Seen
 
 RELEASE = 2e13  # times the compliance: a row 1e-10 m open then carries 1e-11 N in a step of 1 ms
-OPEN = 1e-9  # mechanism lengths that a row let go may open before rows are chosen again: ten times a step's tolerance
+OPEN = 1e-9  # mechanism lengths that a row let go may always open: ten times a step's tolerance
+FOLLOW = 30.0  # times what the kept rows open: they give way under load, and those let go follow them
 TRIES = 3  # choices of rows before compliance carries a stretch
 STRETCH = 25  # steps between two looks at the rows let go
 
@@ -54,17 +55,15 @@ def march_reduced(
     """March with redundant rows let go, in stretches; the last one may run past `steps`.
 
     march(system, carry, first step) -> (carry, seen) takes one stretch of STRETCH steps.  After each, every held row is
-    looked at: where one let go has opened, the kept rows had lost rank, and the stretch is taken again with rows chosen
-    where it opened.  Where no choice holds (at a change point all rows lose rank) compliance carries the stretch.
+    looked at: where one let go has opened far more than those kept, the kept rows had lost rank, and the stretch is
+    taken again with rows chosen where it opened.  Where no choice holds, compliance carries the stretch.
     """
-    pose = carry[0].pose
-    limit = max(OPEN, 10 * float(_opening(system, jax.tree.map(lambda leaf: leaf[None], pose))[0]))
-    removed = removed_rows(system, pose, threshold)
+    removed = removed_rows(system, carry[0].pose, threshold)
     chosen, parts, carried = [(0, removed)], [], 0
     for first in range(0, steps, STRETCH):
         for _ in range(TRIES):
             after, seen = march(released(system, removed), carry, first)
-            bad = _broken(system, after, seen, limit)
+            bad = _broken(system, removed, after, seen)
             if bad is None:
                 break
             removed = removed_rows(system, bad, threshold)
@@ -79,10 +78,12 @@ def march_reduced(
     return parts, Kept(tuple(chosen), min(carried, steps))
 
 
-def _broken(system: System, after: Carry, seen: Seen, limit: float) -> Pose | None:
-    """The first pose of a stretch at which a held row stands open; None where all hold."""
+def _broken(system: System, removed: np.ndarray, after: Carry, seen: Seen) -> Pose | None:
+    """The first pose of a stretch at which a row let go stands open, or that was not solved; None where all is well."""
     poses = jax.tree.map(lambda nodes, last: jnp.concatenate([nodes, last[None]]), seen.pose, after[0].pose)
-    bad = np.asarray(_opening(system, poses)) > limit
+    opening = np.asarray(_openings(system, poses))
+    kept = opening.max((1, 2), where=system.held_rows & ~removed, initial=0.0)
+    bad = opening.max((1, 2), where=removed, initial=0.0) > np.maximum(OPEN, FOLLOW * kept)
     bad[1:] |= np.asarray(seen.lost)
     if not bad.any():
         return None
@@ -90,12 +91,12 @@ def _broken(system: System, after: Carry, seen: Seen, limit: float) -> Pose | No
 
 
 @eqx.filter_jit
-def _opening(system: System, poses: Pose) -> Float[Array, "nodes"]:
-    """Largest held row at each pose, in mechanism lengths and rad."""
+def _openings(system: System, poses: Pose) -> Float[Array, "nodes joints 6"]:
+    """How far every row stands open at each pose, in mechanism lengths and rad."""
 
     def at(pose: Pose) -> Array:
         value = kinematics.rows(system, kinematics.bodies(system, pose)).value
         unit = jnp.array([1 / system.scale.length_m] * 3 + [1.0] * 3)
-        return jnp.max(jnp.where(system.held_rows, jnp.abs(value) * unit, 0.0), initial=0.0)
+        return jnp.abs(value) * unit
 
     return jax.vmap(at)(poses)

@@ -18,7 +18,7 @@ from backend.mechanism.mechanism import Mechanism
 from backend.model.build import build
 from backend.model.model import Address, Model
 from backend.model.state import Pose, Start, drawn_pose
-from backend.model.system import System, system
+from backend.model.system import TOLERANCE, System, system
 from backend.simulate import invariants, kinematics, points
 from backend.simulate.assemble import closed, worst_gap
 from backend.simulate.equations import Motion
@@ -91,13 +91,14 @@ def simulate(
     progress: Progress | None = None,
     solve: Solve = "compliance",
     threshold: float | None = None,
+    tolerance: float = TOLERANCE,
 ) -> Run:
     """Let a drawing go from rest at its drawn pose, under the effects it lists.
 
     inputs: recorded drives as ((effect id, parameter), times [s], values).  progress(done, total) counts steps.
     solve: `compliance` lets every held row give way alike, `reduced` lets redundant rows go; the motion is the same,
     reactions of redundant rows are not (docs/redundancy.md).  threshold: relative singular value below which a row
-    counts as redundant; the largest gap in the spectrum by default.
+    counts as redundant; the largest gap in the spectrum by default.  tolerance: as for `system`.
     Raises ValueError for a duration or step that is not positive, where loops cannot be closed, and for a prescribed
     path that begins elsewhere than the drawing.
     """
@@ -112,7 +113,7 @@ def simulate(
             f"choose them so that 1 to {MOST_STEPS:g} steps follow"
         )
     model = build(mechanism)
-    plant = system(model)
+    plant = system(model, tolerance)
     steps = round(duration_s / step_s)
     _check_drives(model, plant, inputs)
     start = Start(assembled(model, plant), jnp.zeros((model.topology.slots, 6)))
