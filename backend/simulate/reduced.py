@@ -58,12 +58,18 @@ def march_reduced(
     looked at: where one let go has opened far more than those kept, the kept rows had lost rank, and the stretch is
     taken again with rows chosen where it opened.  Where no choice holds, compliance carries the stretch.
     """
-    removed = removed_rows(system, carry[0].pose, threshold)
+    pose = carry[0].pose
+    drawn = float(
+        _openings(system, jax.tree.map(lambda leaf: leaf[None], pose)).max(where=system.held_rows, initial=0.0)
+    )
+    # A drawing that does not quite close leaves rows open whichever are let go.
+    always = max(OPEN, FOLLOW * drawn)
+    removed = removed_rows(system, pose, threshold)
     chosen, parts, carried = [(0, removed)], [], 0
     for first in range(0, steps, STRETCH):
         for _ in range(TRIES):
             after, seen = march(released(system, removed), carry, first)
-            bad = _broken(system, removed, after, seen)
+            bad = _broken(system, removed, after, seen, always)
             if bad is None:
                 break
             removed = removed_rows(system, bad, threshold)
@@ -78,12 +84,12 @@ def march_reduced(
     return parts, Kept(tuple(chosen), min(carried, steps))
 
 
-def _broken(system: System, removed: np.ndarray, after: Carry, seen: Seen) -> Pose | None:
+def _broken(system: System, removed: np.ndarray, after: Carry, seen: Seen, always: float) -> Pose | None:
     """The first pose of a stretch at which a row let go stands open, or that was not solved; None where all is well."""
     poses = jax.tree.map(lambda nodes, last: jnp.concatenate([nodes, last[None]]), seen.pose, after[0].pose)
     opening = np.asarray(_openings(system, poses))
     kept = opening.max((1, 2), where=system.held_rows & ~removed, initial=0.0)
-    bad = opening.max((1, 2), where=removed, initial=0.0) > np.maximum(OPEN, FOLLOW * kept)
+    bad = opening.max((1, 2), where=removed, initial=0.0) > np.maximum(always, FOLLOW * kept)
     bad[1:] |= np.asarray(seen.lost)
     if not bad.any():
         return None

@@ -147,7 +147,7 @@ def _split(J: np.ndarray, known: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     """
     if not J.size or known == 0:
         return np.zeros(0, int), np.arange(J.shape[0]), np.zeros((J.shape[0], 0))
-    _, R, order = qr(J.T, mode="economic", pivoting=True)
+    _, R, order = qr(J.T, mode="economic", pivoting=True)  # pyright: ignore[reportAssignmentType]: pivoting gives three
     kept, dropped = order[:known], order[known:]
     combination = solve_triangular(R[:known, :known], R[:known, known:]).T
     first, last = np.argsort(kept), np.argsort(dropped)

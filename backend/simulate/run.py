@@ -72,9 +72,8 @@ class Run:
     """'done', or a sentence that says where and why the motion could not be followed further."""
     solve: Solve = "compliance"
     redundancy: Redundancy | None = None
-    """Of the held rows at the start; None where they were too many to look."""
+    """Of the held rows at the start; None where they were too many to look.  kept: which rows were let go, and when."""
     kept: Kept | None = None
-    """Which rows the reduced solve let go, and when."""
 
     @property
     def done(self) -> bool:
