@@ -72,7 +72,7 @@ class Run:
     """'done', or a sentence that says where and why the motion could not be followed further."""
     solve: Solve = "compliance"
     redundancy: Redundancy | None = None
-    """Of the held rows at the start; None where they were too many to look.  kept: which rows were let go, and when."""
+    """At the start; None where held rows were too many to look.  kept: which rows were let go, and when."""
     kept: Kept | None = None
 
     @property
@@ -95,9 +95,8 @@ def simulate(
     """Let a drawing go from rest at its drawn pose, under the effects it lists.
 
     inputs: recorded drives as ((effect id, parameter), times [s], values).  progress(done, total) counts steps.
-    solve: `compliance` lets every held row give way alike, `reduced` lets redundant rows go; the motion is the same,
-    reactions of redundant rows are not (docs/redundancy.md).  threshold: relative singular value below which a row
-    counts as redundant; the largest gap in the spectrum by default.  tolerance: as for `system`.
+    solve: `compliance` lets every held row give way, `reduced` lets redundant rows go (docs/redundancy.md).  threshold:
+    relative singular value of a redundant row; by default the spectrum's gap decides.  tolerance: as for `system`.
     Raises ValueError for a duration or step that is not positive, where loops cannot be closed, and for a prescribed
     path that begins elsewhere than the drawing.
     """

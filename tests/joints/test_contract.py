@@ -117,7 +117,7 @@ def tumbling():
         links.append((type_, type_, one, two, (0.05, 0.01, k), (0.3, 0.5, 0.8)))
     model = build(drawing("pairs", bodies, links, gravity=WEIGHTLESS))
     free = 6 * len(links) + sum(6 - sum(joint_of_type(type_).held) for type_ in ALL)
-    velocity = allowed(model, np.random.default_rng(3).uniform(0.5, 1.5, free))
+    velocity = allowed(model, np.random.default_rng(3).uniform(0.5, 1.5, free).tolist())
     return system(model), follow(model, STEP_S, 1000, velocity)
 
 

@@ -159,7 +159,7 @@ def moved():
     plant = system(model)
     motions = free_motions(plant, drawn_pose(model, plant))
     rates = np.linalg.lstsq(motions.reshape(wanted.size, -1), wanted.ravel(), rcond=None)[0]
-    return Moved(model, follow(model, STEP_S, STEPS, allowed(model, rates)))
+    return Moved(model, follow(model, STEP_S, STEPS, allowed(model, list(rates))))
 
 
 def test_a_ball_pendulum_circles_at_the_rate_of_a_conical_pendulum(moved):

@@ -256,7 +256,7 @@ def test_a_summary_says_what_is_redundant_and_how_it_was_solved():
 
 def test_an_unknown_solve_is_refused():
     with pytest.raises(ValueError, match="solve is 'svd'; choose one of compliance, reduced"):
-        simulate(fourbar(), 0.1, solve="svd")
+        simulate(fourbar(), 0.1, solve="svd")  # pyright: ignore[reportArgumentType]
 
 
 def test_steps_that_compliance_carried_are_told():
