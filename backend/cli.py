@@ -119,6 +119,13 @@ def simulate(
     mechanism: MechanismFile,
     duration_s: Annotated[float, typer.Option("--duration", metavar="S", min=0.0, help="How long [s].")] = 1.0,
     step_s: Annotated[float, typer.Option("--step", metavar="S", min=0.0, help="Time step [s].")] = 1e-3,
+    solve: Annotated[
+        Literal["compliance", "reduced"],
+        typer.Option(help="All held rows give way alike, or redundant rows are let go."),
+    ] = "compliance",
+    threshold: Annotated[
+        float | None, typer.Option(metavar="REL", help="Singular value, over the largest, below which a row repeats.")
+    ] = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -134,7 +141,7 @@ def simulate(
             from backend.simulate.run import simulate as run_drawing
             from backend.simulate.write import write_run
 
-            run = run_drawing(drawn, duration_s, step_s, progress=_counting(advance))
+            run = run_drawing(drawn, duration_s, step_s, progress=_counting(advance), solve=solve, threshold=threshold)
         motion = write_run(run, folder / "run.h5")
         page = write_simulation_page(simulation_evidence(drawn, run), folder / "simulation.html")
         files = {"motion": str(motion), "page": str(page)}

@@ -277,3 +277,23 @@ def bead_on_bar(effects: Sequence[Effect] = ()) -> Mechanism:
     return drawing(
         "bead on bar", [bar("bar", start, tip, 0.1), bead], joints, effects, [("bead", "bead", 0.5 * tip)], LEANING
     )
+
+
+def spatial_fourbar(coupler_ends: tuple[str, str] = ("spherical", "spherical")) -> Mechanism:
+    """A crank about z and a rocker about a skew axis, their ends held together by a coupler (RSSR, RSUR, ...)."""
+    pivot, crank_end = np.zeros(3), np.array([0.05, 0.0, 0.0])
+    hinge, axis = np.array([0.2, 0.05, 0.06]), np.array([0.3, 1.0, 0.2])
+    rocker_end = hinge + np.array([-0.02, -0.03, 0.18])
+    along = rocker_end - crank_end
+    parts = [
+        bar("crank", pivot, crank_end),
+        bar("coupler", crank_end, rocker_end),
+        bar("rocker", hinge, rocker_end),
+    ]
+    joints = [
+        ("main", "revolute", "ground", "crank", pivot, Z),
+        ("near", coupler_ends[0], "crank", "coupler", crank_end, along),
+        ("far", coupler_ends[1], "rocker", "coupler", rocker_end, along),
+        ("hinge", "revolute", "ground", "rocker", hinge, axis),
+    ]
+    return drawing("spatial four-bar", parts, joints, gravity=(1.0, -2.0, -9.0))

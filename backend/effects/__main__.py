@@ -46,7 +46,7 @@ def _row(name: str, declared: Declaration) -> str:
     default = default if declared.default is None else f"{declared.default:g}"
     low, high = declared.lower, declared.upper
     bounds = "" if low is None and high is None else f"{_end(low, '-∞')} to {_end(high, '∞')}"
-    where = f"; at {' and '.join(declared.joint_types)} joints" if declared.joint_types else ""
+    where = f"; at {', '.join(declared.joint_types)} joints" if declared.joint_types else ""
     record = "; *record*" if declared.drive else ""
     return f"`{name}`{size} | {declared.unit} | {default} | {bounds} | {declared.doc}{where}{record}"
 

@@ -2,7 +2,7 @@
 
 from jaxtyping import Array, Float
 
-from backend.effects.effect import parameter
+from backend.effects.effect import TURNING, parameter
 from backend.effects.shapes import AbstractDryFriction
 
 
@@ -11,7 +11,7 @@ class CoulombFriction(AbstractDryFriction):
 
     kind = "coulomb_friction"
     acts_on = "joint"
-    friction_torque_n_m: Float[Array, ""] = parameter("N m", "sliding torque", lower=0.0, joint_types=("revolute",))
+    friction_torque_n_m: Float[Array, ""] = parameter("N m", "sliding torque", lower=0.0, joint_types=TURNING)
     friction_force_n: Float[Array, ""] = parameter("N", "sliding force", lower=0.0, joint_types=("prismatic",))
 
     def limit(self, load, pin_radius):

@@ -12,6 +12,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 Place = Literal["joint", "body", "bodies", "world", "camera"]
+TURNING = ("revolute", "cylindrical", "planar")  # joint types whose q is a turn
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from backend.effects.effect import parameter
+from backend.effects.effect import TURNING, parameter
 from backend.effects.shapes import AbstractJointEffort
 
 
@@ -12,9 +12,7 @@ class EffortOffset(AbstractJointEffort):
 
     kind = "effort_offset"
     acts_on = "joint"
-    torque_n_m: Float[Array, ""] = parameter(
-        "N m", "torque on the second body", joint_types=("revolute",), drive="mean"
-    )
+    torque_n_m: Float[Array, ""] = parameter("N m", "torque on the second body", joint_types=TURNING, drive="mean")
     force_n: Float[Array, ""] = parameter("N", "force on the second body", joint_types=("prismatic",), drive="mean")
 
     def effort(self, q):

@@ -2,7 +2,7 @@
 
 from jaxtyping import Array, Float
 
-from backend.effects.effect import parameter
+from backend.effects.effect import TURNING, parameter
 from backend.effects.shapes import AbstractJointInertia
 
 
@@ -11,9 +11,7 @@ class RotorInertia(AbstractJointInertia):
 
     kind = "rotor_inertia"
     acts_on = "joint"
-    kg_m2: Float[Array, ""] = parameter(
-        "kg m^2", "rotor inertia felt at the joint", lower=0.0, joint_types=("revolute",)
-    )
+    kg_m2: Float[Array, ""] = parameter("kg m^2", "rotor inertia felt at the joint", lower=0.0, joint_types=TURNING)
 
     def inertia(self):
         """About the joint's axis."""

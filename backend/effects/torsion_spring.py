@@ -2,7 +2,7 @@
 
 from jaxtyping import Array, Float
 
-from backend.effects.effect import parameter
+from backend.effects.effect import TURNING, parameter
 from backend.effects.shapes import AbstractJointEffort
 
 
@@ -11,10 +11,8 @@ class TorsionSpring(AbstractJointEffort):
 
     kind = "torsion_spring"
     acts_on = "joint"
-    stiffness_n_m_per_rad: Float[Array, ""] = parameter(
-        "N m/rad", "torque per turn", lower=0.0, joint_types=("revolute",)
-    )
-    rest_rad: Float[Array, ""] = parameter("rad", "q at which it pulls nowhere", joint_types=("revolute",))
+    stiffness_n_m_per_rad: Float[Array, ""] = parameter("N m/rad", "torque per turn", lower=0.0, joint_types=TURNING)
+    rest_rad: Float[Array, ""] = parameter("rad", "q at which it pulls nowhere", joint_types=TURNING)
 
     def effort(self, q):
         """Towards rest."""

@@ -2,7 +2,7 @@
 
 from jaxtyping import Array, Float
 
-from backend.effects.effect import parameter
+from backend.effects.effect import TURNING, parameter
 from backend.effects.shapes import AbstractJointDamping
 
 
@@ -12,7 +12,7 @@ class ViscousFriction(AbstractJointDamping):
     kind = "viscous_friction"
     acts_on = "joint"
     damping_n_m_s_per_rad: Float[Array, ""] = parameter(
-        "N m s/rad", "torque per rate of turn", lower=0.0, joint_types=("revolute",)
+        "N m s/rad", "torque per rate of turn", lower=0.0, joint_types=TURNING
     )
     damping_n_s_per_m: Float[Array, ""] = parameter(
         "N s/m", "force per rate of travel", lower=0.0, joint_types=("prismatic",)

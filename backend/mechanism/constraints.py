@@ -22,6 +22,7 @@ HELD: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
     "cylindrical": ((0, 1), (0, 1)),
     "spherical": ((0, 1, 2), ()),
     "planar": ((2,), (0, 1)),
+    "universal": ((0, 1, 2), (2,)),  # the third turn is how far y of frame_a and x of frame_b are from square
 }
 
 
@@ -91,7 +92,8 @@ def _tilt(matrix: np.ndarray) -> np.ndarray:
 class JointGap:
     """How far a joint is from being met: gap [m] and turn [rad] in axes of frame_a, free components zeroed.
 
-    q: its position, rotation about z [rad] or, for `prismatic`, translation along z [m].
+    q: its position, rotation about z [rad] or, for `prismatic`, translation along z [m]; it means nothing for
+    types without a coordinate.
     """
 
     gap: np.ndarray
@@ -107,7 +109,10 @@ def joint_gap(mechanism: Mechanism, joint: Joint, placement: Placement, index: d
     relative = R_Wa.T @ R_Wb
     held_gap, held_turn = HELD[joint.type]
     q = gap[2] if joint.type == "prismatic" else np.arctan2(relative[1, 0], relative[0, 0])
-    turn = rotation_vector(relative) if len(held_turn) == 3 else _tilt(relative)
+    if joint.type == "universal":
+        turn = np.array([0.0, 0.0, np.arcsin(np.clip(relative[1, 0], -1.0, 1.0))])
+    else:
+        turn = rotation_vector(relative) if len(held_turn) == 3 else _tilt(relative)
     masked_gap, masked_turn = np.zeros(3), np.zeros(3)
     masked_gap[list(held_gap)] = gap[list(held_gap)]
     masked_turn[list(held_turn)] = turn[list(held_turn)]
@@ -143,7 +148,7 @@ def jacobian(mechanism: Mechanism, joints: list[Joint], placement: Placement, le
     for joint in joints:
         a, b = index[joint.body_a], index[joint.body_b]
         _, R_Wa = _frame(joint.body_a, joint.frame_a, placement, index)
-        p_Wb, _ = _frame(joint.body_b, joint.frame_b, placement, index)
+        p_Wb, R_Wb = _frame(joint.body_b, joint.frame_b, placement, index)
         held_gap, held_turn = HELD[joint.type]
         for body, sign in ((a, -1.0), (b, 1.0)):
             if body not in column:
@@ -153,6 +158,10 @@ def jacobian(mechanism: Mechanism, joints: list[Joint], placement: Placement, le
             block[:3, :3] = R_Wa.T
             block[:3, 3:] = R_Wa.T @ np.array([[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]])
             block[3:, 3:] = R_Wa.T
+            if joint.type == "universal":
+                block[5, 3:] = np.cross(
+                    R_Wb[:, 0], R_Wa[:, 1]
+                )  # square axes part by the turn about their common normal
             held = [*held_gap, *(3 + axis for axis in held_turn)]
             at = column[body]
             matrix[row : row + len(held), at : at + 6] = sign * block[held]

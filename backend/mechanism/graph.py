@@ -19,7 +19,7 @@ from backend.mechanism.closure import (
     too_long,
 )
 from backend.mechanism.constraints import JointGap, Placement, body_index, drawn, size_m
-from backend.mechanism.joint import Joint
+from backend.mechanism.joint import WITHOUT_COORDINATE, Joint
 from backend.mechanism.kinds import effect_kinds
 from backend.mechanism.loops import Connectivity, connectivity
 from backend.mechanism.mechanism import Mechanism
@@ -43,7 +43,7 @@ class LoopReport(Part):
 class Closure(Part):
     """How far a joint's two frames are apart as drawn, in the directions that its type holds.
 
-    q: where the joint stands as drawn [rad, or m for `prismatic`]; null for types with more than one freedom.
+    q: where the joint stands as drawn [rad, or m for `prismatic`]; null for types without a coordinate.
     """
 
     joint: str
@@ -158,7 +158,7 @@ def _closure(joint: Joint, found: JointGap) -> Closure:
         joint=joint.id,
         gap_mm=1e3 * float(np.linalg.norm(found.gap)),
         turn_deg=float(np.degrees(np.linalg.norm(found.turn))),
-        q=found.q if joint.type in ("revolute", "prismatic") else None,
+        q=None if joint.type in WITHOUT_COORDINATE else found.q,
     )
 
 
@@ -212,7 +212,7 @@ def _graph_findings(mechanism: Mechanism, graph: Connectivity) -> list[str]:
 def _part_findings(mechanism: Mechanism, opened: dict[str, JointGap]) -> list[str]:
     found = []
     for joint in mechanism.joints:
-        if (limits := joint.limits) is not None and joint.type in ("revolute", "prismatic"):
+        if (limits := joint.limits) is not None and joint.type not in WITHOUT_COORDINATE:
             q, unit = opened[joint.id].q, "m" if joint.type == "prismatic" else "rad"
             low = -np.inf if limits.lower is None else limits.lower
             high = np.inf if limits.upper is None else limits.upper

@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 from backend.mechanism.part import Id, Part
 from backend.mechanism.pose import Frame
 
-JointType = Literal["revolute", "fixed", "prismatic", "cylindrical", "spherical", "planar"]
+JointType = Literal["revolute", "fixed", "prismatic", "cylindrical", "spherical", "planar", "universal"]
+WITHOUT_COORDINATE: frozenset[str] = frozenset({"fixed", "spherical", "universal"})  # no single freedom to call q
 
 
 class Limits(Part):
@@ -57,7 +58,8 @@ class Joint(Part):
     """A joint between two bodies, with a frame in each; its axis is the frames' z.
 
     q is the rotation of frame_b about z relative to frame_a [rad], or its translation along z [m] for
-    `prismatic`; the drawn pose is where it starts.
+    `prismatic`; `fixed`, `spherical` and `universal` have none. The drawn pose is where it starts.
+    A `universal` joint's cross turns about y of frame_a and about x of frame_b, which stand square.
     """
 
     id: Id

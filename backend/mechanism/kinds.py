@@ -10,14 +10,16 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any
+from typing import Any, get_args
+
+from backend.mechanism.joint import WITHOUT_COORDINATE, JointType
 
 
 @dataclass(frozen=True)
 class ParameterSpec:
     """One declared parameter: unit, default, bounds (None is open), number of entries, meaning.
 
-    joint_types: the joint types where the name is the right one; None when every type will do.
+    joint_types: the joint types where the name is the right one; None when every type with a coordinate will do.
     drawn: method of a joint's Fit that gives the value where none is written.  by_name: a fit frees it only by name.
     """
 
@@ -34,7 +36,9 @@ class ParameterSpec:
 
     def suits(self, joint_type: str) -> bool:
         """Whether this parameter means something at a joint of that type."""
-        return self.joint_types is None or joint_type in self.joint_types
+        if self.joint_types is None:
+            return joint_type not in WITHOUT_COORDINATE
+        return joint_type in self.joint_types
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class EffectKind:
 
     def joint_types(self) -> str:
         """The joint types it acts at, as words."""
-        types = {name for spec in self.parameters.values() for name in spec.joint_types or ("every",)}
+        types = {name for name in get_args(JointType) if any(spec.suits(name) for spec in self.parameters.values())}
         return ", ".join(sorted(types)) + " joints"
 
 

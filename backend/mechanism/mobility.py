@@ -96,7 +96,12 @@ def count_in_space(mechanism: Mechanism, joints: list[Joint]) -> int:
 
 
 def plane_normal(joints: list[Joint], axes: np.ndarray) -> np.ndarray | None:
-    """Normal of the common plane of motion, or None when the axes (joints, 3, in W) do not share one."""
+    """Normal of the common plane of motion, or None when the axes (joints, 3, in W) do not share one.
+
+    Spherical and universal joints let bodies turn out of any plane: a mechanism with one is not counted in the plane.
+    """
+    if any(joint.type in ("spherical", "universal") for joint in joints):
+        return None
     along = [
         axis for joint, axis in zip(joints, axes, strict=True) if joint.type in ("revolute", "cylindrical", "planar")
     ]

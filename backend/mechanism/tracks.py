@@ -12,6 +12,7 @@ import numpy as np
 
 from backend.mechanism.drawing_error import DrawingError, known
 from backend.mechanism.effect import kind_named
+from backend.mechanism.joint import WITHOUT_COORDINATE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -175,10 +176,16 @@ def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
         yield from _driven(table, mechanism)
         return
     (key,) = form.keys
-    ids = {part.id for part in (mechanism.markers if key == "marker" else mechanism.joints)}
+    types = {joint.id: joint.type for joint in mechanism.joints}
+    ids = {marker.id for marker in mechanism.markers} if key == "marker" else types.keys()
     for name, row in _first_rows(table[key]):
         if name not in ids:
             yield f'row {row}: {key} "{name}" is not drawn; rename it or draw it. {known(ids)}'
+        elif key == "joint" and types[name] in WITHOUT_COORDINATE:
+            yield (
+                f'row {row}: joint "{name}" is {types[name]} and has no single position or effort to measure; '
+                "measure markers on its bodies instead"
+            )
 
 
 def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:

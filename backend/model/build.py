@@ -10,7 +10,7 @@ from jaxtyping import Float
 from backend.effects.catalogue import effect_of_kind
 from backend.effects.effect import AbstractEffect, Declaration
 from backend.effects.shapes import AbstractStrut
-from backend.joints.catalogue import joint_of_type
+from backend.joints.catalogue import catalogue, joint_of_type
 from backend.mechanism.body import Body
 from backend.mechanism.effect import Effect, ParameterValue
 from backend.mechanism.mechanism import Mechanism
@@ -170,12 +170,17 @@ def _places(
 
 def _joints_of(member: Effect, effect: type[AbstractEffect], mechanism: Mechanism) -> list[str]:
     """Joints an effect acts at; each must have a coordinate, and what the effect needs there."""
-    able = {t for d in effect.declarations().values() for t in (d.joint_types or ("revolute", "prismatic"))}
+    moving = tuple(type_ for type_, kind in catalogue().items() if kind.coordinate is not None)
+    able = {t for d in effect.declarations().values() for t in (d.joint_types or moving)}
     on = [j.id for j in mechanism.joints if j.type in able] if member.on == "all" else list(member.on)
     for id_ in on:
         joint = mechanism.joint(id_)
         if joint.type not in able:
-            raise ValueError(f"effect '{member.id}': {member.kind} cannot act at {joint.type} joint '{id_}'")
+            lacks = "" if joint.type in moving else ", which has no coordinate to act along"
+            raise ValueError(
+                f"effect '{member.id}': {member.kind} cannot act at {joint.type} joint '{id_}'{lacks}; "
+                f"it acts at {', '.join(sorted(able))} joints"
+            )
         if member.kind == "pin_friction" and _pin_radius(joint) == 0.0:
             raise ValueError(
                 f"effect '{member.id}': pin friction at joint '{id_}' needs the pin's size; "

@@ -3,6 +3,8 @@
 Computed once before a motion starts; everything that stays the same from step to step is summed here.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -102,6 +104,11 @@ class System(eqx.Module):
         return np.array(rows, dtype=bool).reshape(-1, 6)
 
     @property
+    def rigid_rows(self) -> np.ndarray:
+        """(joints, 6) rows held by the kind of joint, without those that play frees."""
+        return self.held_rows & ~self.loose_rows
+
+    @property
     def coordinate_rows(self) -> np.ndarray:
         """(joints, 6) one-hot row of the coordinate; all false where a joint has none."""
         rows = [c if c is not None else -1 for c in self.coordinate]
@@ -111,6 +118,11 @@ class System(eqx.Module):
     def is_driven(self) -> np.ndarray:
         """(joints,) whether the coordinate is prescribed."""
         return np.isin(np.arange(len(self.coordinate)), self.driven)
+
+    def centred(self) -> "System":
+        """The same with every loose pin held in the middle of its hole: how a motion's start is described."""
+        rigid = dataclasses.replace(self.contacts, loose=tuple(() for _ in self.contacts.loose))
+        return dataclasses.replace(self, contacts=rigid)
 
     def point(self, body: np.ndarray, p_BP: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
         """Drawn points of bodies (slots) -> from the centre of mass of the real part, in body axes."""

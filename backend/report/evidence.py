@@ -83,7 +83,10 @@ class FitEvidence:
 
 @dataclass(frozen=True)
 class SimulationEvidence:
-    """A simulated motion. joint_positions: `q` per joint [rad or m]; result: its sentence."""
+    """A simulated motion. joint_positions: `q` per joint [rad or m]; result: its sentence.
+
+    redundancy: which rows are redundant and which reactions therefore not unique, in a sentence; empty if none.
+    """
 
     mechanism: Mechanism
     motion: Motion
@@ -93,6 +96,7 @@ class SimulationEvidence:
     constraint_error_m: Float[np.ndarray, "t"]
     step_s: float
     result: str = ""
+    redundancy: str = ""
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ def simulation_evidence(mechanism: Mechanism, run: Run) -> SimulationEvidence:
         constraint_error_m=run.constraint_error_m,
         step_s=run.step_s,
         result=run.result,
+        redundancy=run.redundancy.sentence() if run.redundancy else "",
     )
 
 
@@ -54,6 +55,23 @@ def summary_json(run: Run) -> dict[str, Any]:
         },
         "energy_j": {"start": float(total[0]), "end": float(total[-1]), "most_kinetic": float(run.kinetic_j.max())},
         "constraint_error_m": float(run.constraint_error_m.max()),
+        "solve": run.solve,
+        "redundancy": _redundancy_json(run),
+    }
+
+
+def _redundancy_json(run: Run) -> dict[str, Any] | None:
+    found = run.redundancy
+    if found is None:
+        return None
+    return {
+        "rows": len(found.rows),
+        "rank": found.rank,
+        "mobility": found.mobility,
+        "redundant": [list(row) for row in found.redundant],
+        "shared_by": [list(joints) for joints in found.shared],
+        "reactions_not_unique": {joint: list(rows) for joint, rows in found.not_unique.items()},
+        "idle": [motion.bodies[0] for motion in found.motions if motion.idle],
     }
 
 
@@ -69,4 +87,8 @@ def summary_text(run: Run) -> str:
         lines.append(f"and {len(run.q) - MOST_JOINTS} more joints, in the motion file")
     lines.append(f"energy      {shown(1e3 * float(total[0]))} to {shown(1e3 * float(total[-1]))} mJ")
     lines.append(f"constraints within {shown(float(run.constraint_error_m.max()))} m")
+    if run.redundancy and (said := run.redundancy.sentence()):
+        lines.append(said)
+    if run.kept:
+        lines.append(run.kept.sentence(len(run.time_s) - 1))
     return "\n".join(lines)

@@ -36,6 +36,7 @@ def write_simulation_page(evidence: SimulationEvidence, path: str | Path) -> Pat
         left_out=_left_out(len(evidence.joint_positions)),
         trust=_trust(evidence),
         checks=_checks(evidence),
+        redundancy=evidence.redundancy,
     )
 
 

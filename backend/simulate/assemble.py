@@ -14,10 +14,10 @@ from backend.model.state import Pose, Start
 from backend.model.system import System
 from backend.simulate import forces, kinematics, linear
 from backend.simulate.momentum import BodyRows, instantaneous
+from backend.simulate.redundancy import null_space
 
 MAX_ITERATIONS = 30
 CLOSED = 1e-12  # rows of a closed joint, in mechanism lengths: 100 times rounding
-NULL_FALLBACK = 1e-7  # relative singular value that counts as zero where the spectrum shows no gap
 
 
 class Gap(NamedTuple):
@@ -185,38 +185,10 @@ def start(
 def free_motions(system: System, pose: Pose) -> Float[np.ndarray, "slots 6 mobility"]:
     """Ways the closed mechanism can move at a pose: one ξ rate each, largest entry 1 (mechanism lengths or rad).
 
-    The rank is decided by the largest gap in the spectrum of the held rows (numpy, once per start).
+    Loose pins stay in the middle of their holes.  The rank is decided by the largest gap in the spectrum of the held
+    rows (numpy, once per start).
     """
-    jacobian = np.asarray(kinematics.rows(system, kinematics.bodies(system, pose)).jacobian)
-    slots, length = system.topology.slots, float(system.scale.length_m)
-    real = np.array([body is not None for body in system.topology.body_ids])
-    dense = np.zeros((jacobian.shape[0] * 6, (slots + 1) * 6))
-    for joint, (a, b) in enumerate(system.pairs):
-        for side, slot in enumerate((a, b)):
-            column = 6 * min(slot, slots)
-            block = jacobian[joint, :, 6 * side : 6 * side + 6]
-            dense[6 * joint : 6 * joint + 6, column : column + 6] += block
-    unit = np.tile([length] * 3 + [1.0] * 3, slots)
-    row_unit = np.tile([1 / length] * 3 + [1.0] * 3, jacobian.shape[0])
-    keep = np.repeat(real, 6)
-    matrix = (row_unit[:, None] * dense[:, : 6 * slots] * unit)[system.held_rows.ravel()][:, keep]
-    _, values, right = np.linalg.svd(matrix, full_matrices=True)
-    null = right[rank(values) :].T
-    motions = np.zeros((6 * slots, null.shape[1]))
-    motions[keep] = null / np.maximum(np.abs(null).max(0), 1e-300)
-    return (motions * unit[:, None]).reshape(slots, 6, -1)
-
-
-def rank(singular_values: Float[np.ndarray, "n"]) -> int:
-    """Number of singular values above the largest gap in the spectrum below a thousandth of the first."""
-    if singular_values.size == 0 or singular_values[0] == 0.0:
-        return 0
-    relative = np.maximum(singular_values / singular_values[0], 1e-17)
-    gaps = relative[:-1] / relative[1:]
-    small = np.flatnonzero((relative[1:] < 1e-3) & (gaps > 1e3))
-    if small.size:
-        return int(small[gaps[small].argmax()]) + 1
-    return int(np.sum(relative > NULL_FALLBACK))
+    return null_space(system.centred(), pose)
 
 
 def worst_gap(system: System, pose: Pose) -> Gap:

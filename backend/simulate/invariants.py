@@ -53,8 +53,7 @@ def constraint_error(system: System, trajectory: Trajectory) -> Float[Array, "no
     def at(pose: Pose) -> Array:
         value = kinematics.rows(system, kinematics.bodies(system, pose)).value
         unit = jnp.array([1.0] * 3 + [system.scale.length_m] * 3)
-        held = system.held_rows & ~system.loose_rows
-        return jnp.max(jnp.where(held, jnp.abs(value) * unit, 0.0), initial=0.0)
+        return jnp.max(jnp.where(system.rigid_rows, jnp.abs(value) * unit, 0.0), initial=0.0)
 
     return jax.vmap(at)(trajectory.pose)
 

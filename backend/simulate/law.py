@@ -58,7 +58,7 @@ class Slope(NamedTuple):
 
 def held(system: System) -> np.ndarray:
     """(joints, 6) rows held by the joint's kind or by a drive; play frees its own."""
-    return (system.held_rows & ~system.loose_rows) | (system.coordinate_rows & system.is_driven[:, None])
+    return system.rigid_rows | (system.coordinate_rows & system.is_driven[:, None])
 
 
 def free(system: System) -> np.ndarray:

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import equinox as eqx
 import jax
@@ -18,10 +18,13 @@ from backend.mechanism.mechanism import Mechanism
 from backend.model.build import build
 from backend.model.model import Address, Model
 from backend.model.state import Pose, Start, drawn_pose
-from backend.model.system import System, system
+from backend.model.system import TOLERANCE, System, system
 from backend.simulate import invariants, kinematics, points
 from backend.simulate.assemble import closed, worst_gap
+from backend.simulate.equations import Motion
 from backend.simulate.record import Record, on_steps
+from backend.simulate.reduced import STRETCH, Kept, march_reduced
+from backend.simulate.redundancy import Redundancy, redundancy
 from backend.simulate.rollout import Seen, Trajectory, depart, march, trajectory
 
 CHUNK = 250  # steps between two reports of progress
@@ -29,8 +32,11 @@ MOST_STEPS = 2e6  # ten minutes for a pendulum, 2 GB for a four-bar
 SNAP = 1e-3  # rad, or mechanism lengths, that a prescribed path may begin away from the drawn pose
 OPEN_JOINT = 1e-6  # mechanism lengths (and rad) that assembly may leave open: ten times what STEP files round to
 
+MOST_ROWS = 2000  # held rows up to which redundancy is looked for by itself: 5 s of singular values
+
 Progress = Callable[[int, int], None]
 Series = tuple[Address, np.ndarray, np.ndarray]
+Solve = Literal["compliance", "reduced"]
 
 
 _march = eqx.filter_jit(march)
@@ -65,6 +71,10 @@ class Run:
     iterations: np.ndarray
     result: str
     """'done', or a sentence that says where and why the motion could not be followed further."""
+    solve: Solve = "compliance"
+    redundancy: Redundancy | None = None
+    """At the start; None where held rows were too many to look.  kept: which rows were let go, and when."""
+    kept: Kept | None = None
 
     @property
     def done(self) -> bool:
@@ -79,13 +89,20 @@ def simulate(
     *,
     inputs: Sequence[Series] = (),
     progress: Progress | None = None,
+    solve: Solve = "compliance",
+    threshold: float | None = None,
+    tolerance: float = TOLERANCE,
 ) -> Run:
     """Let a drawing go from rest at its drawn pose, under the effects it lists.
 
     inputs: recorded drives as ((effect id, parameter), times [s], values).  progress(done, total) counts steps.
+    solve: `compliance` lets every held row give way, `reduced` lets redundant rows go (docs/redundancy.md).  threshold:
+    relative singular value of a redundant row; by default the spectrum's gap decides.  tolerance: as for `system`.
     Raises ValueError for a duration or step that is not positive, where loops cannot be closed, and for a prescribed
     path that begins elsewhere than the drawing.
     """
+    if solve not in get_args(Solve):
+        raise ValueError(f"solve is '{solve}'; choose one of {', '.join(get_args(Solve))}")
     for name, value in (("duration", duration_s), ("step", step_s)):
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value:g} s; give a positive number of seconds")
@@ -95,13 +112,20 @@ def simulate(
             f"choose them so that 1 to {MOST_STEPS:g} steps follow"
         )
     model = build(mechanism)
-    plant = system(model)
+    plant = system(model, tolerance)
     steps = round(duration_s / step_s)
     _check_drives(model, plant, inputs)
     start = Start(assembled(model, plant), jnp.zeros((model.topology.slots, 6)))
     record = on_steps(model, inputs, step_s, steps + CHUNK) if inputs else None
-    path = _followed(plant, start, step_s, steps, record, progress)
-    return as_run(mechanism.name, model, plant, path, step_s)
+    found = None
+    if solve == "reduced" or threshold is not None or plant.rigid_rows.sum() <= MOST_ROWS:
+        found = redundancy(plant, start.pose, threshold)
+    if solve == "reduced":
+        path, kept = _followed_reduced(plant, start, step_s, steps, record, progress, threshold)
+    else:
+        path, kept = _followed(plant, start, step_s, steps, record, progress), None
+    run = as_run(mechanism.name, model, plant, path, step_s)
+    return dataclasses.replace(run, solve=solve, redundancy=found, kept=kept)
 
 
 def _check_drives(model: Model, plant: System, inputs: Sequence[Series]) -> None:
@@ -143,16 +167,43 @@ def _followed(
     motion = _depart(plant, start)
     carry, parts = (motion, jnp.zeros((), dtype=bool)), []
     for first in range(0, steps + 1, chunk):
-        part = None
-        if record is not None:
-            rows = np.minimum(np.arange(first, first + chunk), record.values.shape[0] - 1)
-            part = Record(record.values[rows], record.addresses)
-        carry, seen = _march(plant, carry, step, chunk, part, HALVINGS)
+        carry, seen = _march(plant, carry, step, chunk, _part(record, first, chunk), HALVINGS)
         parts.append(seen)
         if progress:
             progress(min(first + chunk, steps), steps)
     seen: Seen = jax.tree.map(lambda *leaves: jnp.concatenate(leaves)[: steps + 1], *parts)
     return trajectory(seen, step_s)
+
+
+def _followed_reduced(
+    plant: System,
+    start: Start,
+    step_s: float,
+    steps: int,
+    record: Record | None,
+    progress: Progress | None,
+    threshold: float | None,
+) -> tuple[Trajectory, Kept]:
+    """The rollout without redundant rows."""
+    step = jnp.asarray(step_s)
+    motion = _depart(plant, start)
+
+    def march(system: System, carry: tuple[Motion, Array], first: int) -> tuple[tuple[Motion, Array], Seen]:
+        if progress:
+            progress(min(first, steps), steps)
+        return _march(system, carry, step, STRETCH, _part(record, first, STRETCH), HALVINGS)
+
+    parts, kept = march_reduced(plant, (motion, jnp.zeros((), dtype=bool)), steps + 1, march, threshold)
+    seen: Seen = jax.tree.map(lambda *leaves: jnp.concatenate(leaves)[: steps + 1], *parts)
+    return trajectory(seen, step_s), kept
+
+
+def _part(record: Record | None, first: int, count: int) -> Record | None:
+    """A stretch of a record; its last values hold on."""
+    if record is None:
+        return None
+    rows = np.minimum(np.arange(first, first + count), record.values.shape[0] - 1)
+    return Record(record.values[rows], record.addresses)
 
 
 def as_run(name: str, model: Model, plant: System, path: Trajectory, step_s: float) -> Run:

@@ -15,6 +15,7 @@ def write_run(run: Run, path: str | Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     with h5py.File(path, "w") as file:
         file.attrs.update(mechanism=run.mechanism, step_s=run.step_s, version=version("linktwin"), result=run.result)
+        file.attrs["solve"] = run.solve
         for name, values in _tables(run):
             file.create_dataset(name, data=values, compression="gzip", shuffle=True)
     return path

@@ -8,8 +8,9 @@ from backend.mechanism.read import parse_mechanism
 from backend.model.build import build
 from backend.model.state import drawn_pose
 from backend.model.system import system
-from backend.simulate.assemble import closed, free_motions, rank, worst_gap
+from backend.simulate.assemble import closed, free_motions, worst_gap
 from backend.simulate.run import assembled, simulate
+from backend.simulate.spectrum import rank
 from tests.mechanisms import bennett, document, double_pendulum, fourbar, scissor, slider_crank
 
 
