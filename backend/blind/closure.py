@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from backend.blind.drawn import Drawing
+from backend.blind.drawing import Drawing
 from backend.blind.poses import (
     COORDINATE,
     MET,

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from backend.blind.drawn import Drawing, DrawnBody, DrawnJoint
+    from backend.blind.drawing import Drawing, DrawnBody, DrawnJoint
 
 PARALLEL = 1e-6  # rad: axes drawn with seven digits
+DEAD = 1e-3  # restitution below which a blow is inelastic
+DEAD_BLOW = 4.0  # its damping over critical, for the free bodies that meet: a linkage behind them adds mass
 PAD = 0.5 * np.sqrt(3.0)  # of the radius of gyration: a quarter of a uniform bar's length
 
 
@@ -125,7 +127,10 @@ def pads(drawing: Drawing, i: int, effect: Mapping[str, Any]) -> Pads:
 
 
 def bed_normal(drawing: Drawing, effect: str) -> np.ndarray:
-    """The common direction of the axes about which joints turn; gravity's where none turns.  ValueError if they differ."""
+    """The common direction of the axes about which joints turn; gravity's where none turns.
+
+    ValueError where the axes differ.
+    """
     axes = [drawing.bodies[j.a].R_WB @ j.R_AF[:, 2] for j in drawing.joints if j.turns]
     if not axes:
         return drawing.gravity / max(float(np.linalg.norm(drawing.gravity)), 1e-300)

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from backend.blind.contacts import Capsules, Pads, hunt_crossley, pair_mass
-from backend.blind.drawn import DrawnJoint
+from backend.blind.contacts import DEAD, DEAD_BLOW, Capsules, Pads, hunt_crossley, pair_mass
 
 if TYPE_CHECKING:
+    from backend.blind.drawing import DrawnJoint
     from backend.blind.exudyn_model import ExudynModel
 
-DEAD = 1e-3  # restitution below which a blow is inelastic
 POINT = 1e-9  # m: Exudyn wants a sphere even where the drawing gives no pin
 
 
@@ -25,13 +24,13 @@ POINT = 1e-9  # m: Exudyn wants a sphere even where the drawing gives no pin
 class Walls:
     """How Exudyn's walls stand for rigid ones, and where its friction begins to slide.
 
-    rigid_stiffness [N/m]: of walls without a stiffness of their own.  damping_ratio: of inelastic blows, 1 is critical
-    for the free bodies that meet.  creep [m/s]: contact friction is proportional to speed below it.
+    rigid_stiffness [N/m]: of walls without a stiffness of their own.  damping_ratio: their damping in inelastic blows,
+    1 is critical for the free bodies that meet.  creep [m/s]: contact friction is proportional to speed below it.
     slowest_blow [m/s]: slower ones bounce less than they should, and Exudyn's wall can hold the pin a moment.
     """
 
     rigid_stiffness: float = 1e7
-    damping_ratio: float = 1.0
+    damping_ratio: float = 10.0
     creep: float = 1e-3
     slowest_blow: float = 1e-2
 
@@ -39,9 +38,10 @@ class Walls:
         """The wall's own, or what stands for a rigid one [N/m]."""
         return drawn if np.isfinite(drawn) else self.rigid_stiffness
 
-    def damping(self, stiffness: float, mass: float) -> float:
+    def damping(self, drawn: float, mass: float) -> float:
         """Linear damper that takes a blow's energy [N s/m]."""
-        return 2.0 * self.damping_ratio * float(np.sqrt(stiffness * mass))
+        ratio = DEAD_BLOW if np.isfinite(drawn) else self.damping_ratio
+        return 2.0 * ratio * float(np.sqrt(self.stiffness(drawn) * mass))
 
 
 def add_play(model: ExudynModel, joint: DrawnJoint, markers: list[Any]) -> None:
@@ -64,7 +64,7 @@ def add_play(model: ExudynModel, joint: DrawnJoint, markers: list[Any]) -> None:
             dynamicFriction=play.friction,
             frictionProportionalZone=walls.creep,
             contactStiffness=stiffness,
-            contactDamping=walls.damping(stiffness, mass) if dead else 0.0,
+            contactDamping=walls.damping(play.stiffness, mass) if dead else 0.0,
             contactStiffnessExponent=1.0,
             impactModel=0 if dead else 2,
             restitutionCoefficient=1.0 if dead else exudyn_restitution(play.restitution),
@@ -113,7 +113,7 @@ def add_capsules(model: ExudynModel, pair: Capsules) -> None:
     stiffness = walls.stiffness(pair.stiffness)
     middles = ((pair.a, pair.ends_A.mean(0)), (pair.b, pair.ends_B.mean(0)))
     mass = pair_mass([(bodies[i], p, np.eye(3)[2]) for i, p in middles])
-    damping = walls.damping(stiffness, mass)
+    damping = walls.damping(pair.stiffness, mass)
     dead, c = pair.restitution < DEAD, hunt_crossley(max(pair.restitution, DEAD))
     reach = pair.radius_a + pair.radius_b
     blow = {"speed": 0.0, "inside": False}

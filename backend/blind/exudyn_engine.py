@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from backend.blind.closure import assemble, independent_rows, row_margin, set_in_motion
-from backend.blind.drawn import BODY_KINDS, JOINT_KINDS, Drawing, read_drawing
+from backend.blind.drawing import Drawing
+from backend.blind.drawn import BODY_KINDS, JOINT_KINDS, read_drawing
 from backend.blind.exudyn_contact import Walls
 from backend.blind.exudyn_model import ExudynModel
 from backend.blind.peer import peer
@@ -59,14 +60,13 @@ def simulate_exudyn(
     keep = _kept_rows(drawing, start, redundant_rows)
     every = output_step_s or step_s
     rubs = any(joint.friction or joint.rub_radius for joint in drawing.joints)
-    touches = bool(drawing.capsules) or any(joint.play for joint in drawing.joints)
-    rough = rubs or touches or bool(drawing.pads)
+    touches = bool(drawing.capsules or drawing.pads) or any(joint.play for joint in drawing.joints)
     rates: dict[str, float] = {}
 
     def solved(step: float, until_s: float = duration_s) -> tuple[np.ndarray, Poses]:
         build = ExudynModel(exudyn.SystemContainer(), drawing, start, friction_creep, step, rates, walls or Walls())
         build.everything(keep)
-        settings = _settings(until_s, step, min(every, until_s), spectral_radius, keep is None, rough, touches)
+        settings = _settings(until_s, step, min(every, until_s), spectral_radius, keep is None, rubs, touches)
         try:
             build.mbs.Assemble()
             build.mbs.SolveDynamic(settings)
@@ -107,7 +107,7 @@ def _rates_at_end(drawing: Drawing, time_s: np.ndarray, poses: Poses) -> dict[st
 
 
 def _settings(
-    duration_s: float, step_s: float, every_s: float, spectral_radius: float, every_row: bool, rough: bool, touches: bool
+    duration_s: float, step_s: float, every_s: float, spectral_radius: float, every_row: bool, rubs: bool, touches: bool
 ) -> Any:
     exudyn = peer("exudyn")
     settings = exudyn.SimulationSettings()
@@ -117,8 +117,8 @@ def _settings(
     integrator.generalizedAlpha.spectralRadius = spectral_radius
     integrator.newton.useModifiedNewton = False
     # Sticking joints are stiff enough for rounding to hold Newton above the tighter tolerance.
-    integrator.newton.relativeTolerance = 1e-8 if rough else 1e-10
-    integrator.newton.absoluteTolerance = 1e-10 if rough else 1e-12
+    integrator.newton.relativeTolerance = 1e-8 if rubs or touches else 1e-10
+    integrator.newton.absoluteTolerance = 1e-10 if rubs or touches else 1e-12
     if touches:
         # A contact found inside a step is met by iterating; going back to the moment of each of many blows stalls.
         integrator.discontinuous.useRecommendedStepSize = False

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from backend.blind.drawn import Drag, Drawing, DrawnJoint, Drive, Push, Strut
+from backend.blind.drawing import Drag, Drawing, DrawnJoint, Drive, Push, Strut
 from backend.blind.exudyn_contact import Walls, add_capsules, add_pads, add_play
 from backend.blind.peer import peer
 from backend.blind.poses import Poses, joint_rows, quaternion

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from backend.blind.closure import assemble, set_in_motion
-from backend.blind.drawn import BODY_KINDS, JOINT_KINDS, Drawing, read_drawing
+from backend.blind.drawing import Drawing
+from backend.blind.drawn import BODY_KINDS, JOINT_KINDS, read_drawing
 from backend.blind.mujoco_loads import Loads
 from backend.blind.mujoco_model import Wall, mujoco_spec
 from backend.blind.peer import peer
@@ -70,13 +71,15 @@ def simulate_mujoco(
 def _refuse(drawing: Drawing) -> None:
     """ValueError for what MuJoCo's constraints cannot say."""
     for joint in drawing.joints:
-        rigid = joint.play is not None and not np.isfinite(joint.play.stiffness)
-        if rigid and joint.play.friction:
+        play = joint.play
+        if play is None or np.isfinite(play.stiffness):
+            continue
+        if play.friction:
             raise ValueError(
                 f'joint "{joint.id}": MuJoCo has no clearance with friction_coefficient on a rigid wall here; '
                 "give it a stiffness_n_per_m, or ask Exudyn"
             )
-        if rigid and any(other.rub_radius for other in drawing.joints):
+        if any(other.rub_radius for other in drawing.joints):
             raise ValueError(
                 f'joint "{joint.id}": MuJoCo has no pin_friction beside clearance with a rigid wall here; '
                 "give the clearance a stiffness_n_per_m, or ask Exudyn"

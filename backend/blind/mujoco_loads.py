@@ -1,4 +1,4 @@
-"""What MuJoCo has no native element for: drives, pushes, drags, pads on the bed, losses of a soft wall, pin friction."""
+"""What MuJoCo has no native element for: drives, pushes, drags, pads on the bed, a soft wall's losses, pin friction."""
 
 from __future__ import annotations
 
@@ -7,21 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from backend.blind.contacts import Pads, hunt_crossley, pair_mass
-from backend.blind.drawn import Drawing, DrawnJoint, Strut
+from backend.blind.contacts import DEAD, DEAD_BLOW, Pads, hunt_crossley, pair_mass
+from backend.blind.drawing import Drawing, DrawnJoint, Strut
 from backend.blind.peer import peer
 from backend.blind.poses import Poses
 
 CREEP = 1e-5  # m/s: below it a pad's friction is proportional to speed, where the step lets it
 SLOWEST_BLOW = 1e-2  # m/s: slower ones on a soft wall bounce less than they should
-DEAD = 1e-3  # restitution below which a blow is inelastic
 
 
 class Loads:
     """Forces that follow the motion at each stage of a step; drives and pin friction hold over a step."""
 
     def __init__(self, drawing: Drawing, start: Poses, model: Any, ids: Mapping[int, int], step_s: float, bare: bool):
-        mujoco = peer("mujoco")
         self.drawing, self.start, self.model, self.ids, self.step_s = drawing, start, model, ids, step_s
         joints = list(enumerate(drawing.joints))
         self.driven = [(joint, _dof(model, k)) for k, joint in joints if joint.drives]
@@ -29,7 +27,7 @@ class Loads:
         # A preload without stiffness does not occur: both come from torsion springs.
         self.struts = drawing.struts if bare else []
         self.walls = [
-            _SoftWall(drawing, joint, *(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{end}:{k}") for end in ENDS))
+            _SoftWall(drawing, joint, *(model.site(f"{end}:{k}").id for end in ENDS))
             for k, joint in joints
             if joint.play and np.isfinite(joint.play.stiffness)
         ]
@@ -117,13 +115,12 @@ class Loads:
         offset = data.site_xpos[wall.pin] - data.site_xpos[wall.hole]
         distance = float(np.linalg.norm(offset))
         depth = distance - play.radial
-        if depth <= 0.0:
-            wall.blow = 0.0
-            return
-        n = offset / distance
+        n = offset / max(distance, 1e-300)
         middle = data.site_xpos[wall.pin]
         approach = float((self._velocity(data, b, middle) - self._velocity(data, a, middle)) @ n)
-        wall.blow = wall.blow or max(approach, SLOWEST_BLOW)
+        if depth <= 0.0:
+            wall.blow = max(approach, SLOWEST_BLOW)
+            return
         spring = play.stiffness * depth
         loss = wall.damping * approach if play.restitution < DEAD else spring * wall.c * approach / wall.blow
         loss = max(loss, -spring)  # a wall does not pull
@@ -165,15 +162,15 @@ ENDS = ("hole", "pin")
 
 
 class _SoftWall:
-    """A loose pin whose wall has a stiffness: its losses, and the speed of the blow that goes on."""
+    """A loose pin whose wall has a stiffness: its losses, and the speed of the blow it takes."""
 
     def __init__(self, drawing: Drawing, joint: DrawnJoint, hole: int, pin: int):
         if joint.play is None:
             raise ValueError(f'joint "{joint.id}" is not loose; only loose pins have walls')
-        self.joint, self.play, self.hole, self.pin, self.blow = joint, joint.play, hole, pin, 0.0
+        self.joint, self.play, self.hole, self.pin, self.blow = joint, joint.play, hole, pin, SLOWEST_BLOW
         ends = ((joint.a, joint.p_AF, joint.R_AF), (joint.b, joint.p_BF, joint.R_BF))
         self.mass = pair_mass([(drawing.bodies[i], p, R[:, 2]) for i, p, R in ends])
-        self.damping = 2.0 * float(np.sqrt(self.play.stiffness * self.mass))
+        self.damping = 2.0 * DEAD_BLOW * float(np.sqrt(self.play.stiffness * self.mass))
         self.c = hunt_crossley(max(self.play.restitution, DEAD))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from backend.blind.closure import roots, spanning_tree
 from backend.blind.contacts import Capsules
-from backend.blind.drawn import Drawing, DrawnJoint
+from backend.blind.drawing import Drawing, DrawnJoint
 from backend.blind.peer import peer
 from backend.blind.poses import COORDINATE, Poses, joint_frame, joint_rows, quaternion, size_m
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from backend.blind.drawn import Drawing, DrawnJoint
+    from backend.blind.drawing import Drawing, DrawnJoint
 
 
 @dataclass(frozen=True)
