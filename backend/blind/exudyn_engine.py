@@ -50,7 +50,8 @@ def simulate_exudyn(
     out where closure.row_margin says that this is safe all the way.
     extrapolated: run at step_s and half of it, and cancel the error's h²: for smooth motions only.
     friction_creep: rate at which Coulomb friction is 71% mobilised [rad/s or m/s].
-    walls: what stands for rigid and inelastic where things touch; contact wants steps of 0.1 ms or less.
+    walls: what stands for rigid and inelastic where things touch; contact wants steps of 0.02 to 0.1 ms, and below
+    that Newton may stall where many pins are loose.
     Raises ValueError for an effect or joint it cannot imitate, RuntimeError when the integrator gives up.
     """
     exudyn = peer("exudyn")
