@@ -213,3 +213,15 @@ def roller(slope=0.0, height=0.0, radius=0.01, mass=0.1, **contact):
     )
     leaning = (9.81 * np.sin(slope), -9.81 * np.cos(slope), 0.0)
     return mechanism([bar], [joint("j", GROUND, bar, (0, 0, 0), type="planar")], [touch], gravity=leaning)
+
+
+def two_links(type):
+    """A bar on a ball joint, and a second bar on its end by a joint of the type: nothing lies in one plane."""
+    upper = body("upper", (0, 0, 0), (1.0, 0, 0, 0), 0.1, (0.1, 0, 0), (2e-5, 3.4e-4, 3.4e-4))
+    lower = body("lower", (0.2, 0, 0), (1.0, 0, 0, 0), 0.08, (0.03, 0.08, 0.02), (2e-4, 3e-5, 2.1e-4))
+    tilted = towards(np.array([0.36, 0.48, 0.8]))
+    joints = [
+        joint("ball", GROUND, upper, (0, 0, 0), tilted, "spherical"),
+        joint("j", upper, lower, (0.2, 0, 0), tilted, type),
+    ]
+    return mechanism([upper, lower], joints, gravity=(1.0, -9.0, 3.0))
