@@ -41,9 +41,7 @@ def test_an_inelastic_blow_leaves_almost_no_speed(linkages, simulate):
     motion = simulate(linkages.loose_pin(radial_m=1e-3), 0.05, 2e-5)
     v = motion.velocity_m_per_s["pin"][:, 1]
     assert v.min() < -0.138
-    assert (
-        v.max() < 0.15 * -v.min()
-    )  # 5% in MuJoCo, 12% in Exudyn: its wall is met a step late
+    assert v.max() < 0.15 * -v.min()  # 5% in MuJoCo, 12% in Exudyn: its wall is met a step late
 
 
 def test_a_spinning_pin_climbs_its_hole_to_the_angle_of_friction_and_is_braked_there(linkages, simulate):
