@@ -31,7 +31,7 @@ class Walls:
 
     rigid_stiffness: float = 1e7
     damping_ratio: float = 10.0
-    creep: float = 1e-3
+    creep: float = 3e-4
     slowest_blow: float = 1e-2
 
     def stiffness(self, drawn: float) -> float:
