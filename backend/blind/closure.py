@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from backend.blind.drawn import Drawing
+from backend.blind.drawing import Drawing
 from backend.blind.poses import (
     COORDINATE,
     MET,
@@ -22,6 +22,7 @@ from backend.blind.poses import (
 )
 
 CLOSED = 1e-12  # of the mechanism's size: a few hundred roundings
+ROUNDED = 1e-6  # of the mechanism's size: drawings carry seven digits
 RANK = 1e-6  # of a unit row: rounding leaves 1e-13 on a redundant row, a true one is far above
 
 
@@ -48,13 +49,16 @@ def row_jacobian(drawing: Drawing, poses: Poses) -> np.ndarray:
             rows[:3, k : k + 3] = sign * R_WA.T
             rows[:3, k + 3 : k + 6] = -sign * R_WA.T @ cross_matrix(p_WB - poses.p_WB[body]) / scale
             rows[3:, k + 3 : k + 6] = sign * R_WA.T
+            if joint.type == "universal":
+                x_b = poses.R_WB[joint.b] @ joint.R_BF[:, 0]
+                rows[5, k + 3 : k + 6] = sign * np.cross(x_b, R_WA[:, 1])
     return J
 
 
-def constraint_jacobian(drawing: Drawing, poses: Poses) -> np.ndarray:
-    """The rows of row_jacobian that the joints hold at zero, joint by joint."""
+def constraint_jacobian(drawing: Drawing, poses: Poses, still: bool = False) -> np.ndarray:
+    """The rows of row_jacobian that the joints hold, joint by joint; still: loose pins stay where they are in holes."""
     J = row_jacobian(drawing, poses)
-    held = [J[i, MET[joint.type], :] for i, joint in enumerate(drawing.joints)]
+    held = [J[i, MET[joint.type] if still else joint.held, :] for i, joint in enumerate(drawing.joints)]
     return np.concatenate(held) if held else np.zeros((0, J.shape[2]))
 
 
@@ -99,12 +103,13 @@ def _correct(drawing: Drawing, poses: Poses, target: Mapping[str, float], start:
     """One Gauss-Newton step, in place; returns its size, lengths in the mechanism's size."""
     scale = size_m(drawing)
     J, rows = row_jacobian(drawing, poses), [joint_rows(joint, poses) for joint in drawing.joints]
+    rows_at = _places(drawing)
     units = np.array([scale, scale, scale, 1.0, 1.0, 1.0])
     C, c, G, g = [], [], [], []
     for i, joint in enumerate(drawing.joints):
         for k in MET[joint.type]:
             C.append(J[i, k])
-            c.append(-rows[i][k] / units[k])
+            c.append((rows_at[i][k] - rows[i][k]) / units[k])
         if joint.moves:
             k = COORDINATE[joint.type]
             wish = target.get(joint.id, start[joint.id]) - rows[i][k]
@@ -126,8 +131,24 @@ def _correct(drawing: Drawing, poses: Poses, target: Mapping[str, float], start:
 def _miss(drawing: Drawing, poses: Poses) -> float:
     """Largest unmet row [m]."""
     units = np.array([1.0, 1.0, 1.0, *3 * [size_m(drawing)]])
-    rows = [np.abs(units * joint_rows(joint, poses))[list(MET[joint.type])].max() for joint in drawing.joints]
+    rows = [
+        np.abs(units * (joint_rows(joint, poses) - place))[list(MET[joint.type])].max()
+        for joint, place in zip(drawing.joints, _places(drawing), strict=True)
+    ]
     return float(max(rows, default=0.0))
+
+
+def _places(drawing: Drawing) -> list[np.ndarray]:
+    """Where each joint's held rows start: at zero, but a loose pin where it was drawn in its hole."""
+    drawn, places = drawn_poses(drawing), []
+    for joint in drawing.joints:
+        place = np.zeros(6)
+        if joint.play:
+            offset = joint_rows(joint, drawn)[:2]
+            if np.linalg.norm(offset) > ROUNDED * size_m(drawing):  # else it is a rounded zero
+                place[:2] = offset
+        places.append(place)
+    return places
 
 
 def _coordinates(drawing: Drawing, poses: Poses) -> dict[str, float]:
@@ -156,7 +177,7 @@ def set_in_motion(drawing: Drawing, poses: Poses, joint_velocities: Mapping[str,
         return
     scale, J = size_m(drawing), row_jacobian(drawing, poses)
     C, c, G = (
-        [*constraint_jacobian(drawing, poses)],
+        [*constraint_jacobian(drawing, poses, still=True)],
         [0.0] * sum(len(MET[j.type]) for j in drawing.joints),
         [],
     )
@@ -216,7 +237,7 @@ def independent_rows(drawing: Drawing, poses: Poses) -> list[tuple[int, ...]]:
     """
     tree = {k for k, _, _ in spanning_tree(drawing)}
     J = constraint_jacobian(drawing, _nudged(drawing, poses))
-    labels = [(i, k) for i, joint in enumerate(drawing.joints) for k in MET[joint.type]]
+    labels = [(i, k) for i, joint in enumerate(drawing.joints) for k in joint.held]
     first = [r for r, (i, _) in enumerate(labels) if i in tree]
     later = [r for r, (i, _) in enumerate(labels) if i not in tree]
     taken = list(first)
@@ -232,7 +253,7 @@ def independent_rows(drawing: Drawing, poses: Poses) -> list[tuple[int, ...]]:
         rest = rest - np.outer(rest @ direction, direction)
         rest[best] = 0.0
     kept = {labels[r] for r in taken}
-    return [tuple(k for k in MET[j.type] if (i, k) in kept) for i, j in enumerate(drawing.joints)]
+    return [tuple(k for k in j.held if (i, k) in kept) for i, j in enumerate(drawing.joints)]
 
 
 def row_margin(drawing: Drawing, poses: Poses, kept: list[tuple[int, ...]]) -> float:
@@ -241,7 +262,7 @@ def row_margin(drawing: Drawing, poses: Poses, kept: list[tuple[int, ...]]) -> f
     It is 1, and stays so, where the rows left out only repeat what the kept rows hold squarely (a planar loop).
     Below, as on Bennett's loop, the kept rows may lose rank on the way where the whole does not.
     """
-    if all(held == MET[joint.type] for held, joint in zip(kept, drawing.joints, strict=True)):
+    if all(held == joint.held for held, joint in zip(kept, drawing.joints, strict=True)):
         return 1.0
     near = _nudged(drawing, poses)
     J = row_jacobian(drawing, near)
@@ -253,7 +274,7 @@ def row_margin(drawing: Drawing, poses: Poses, kept: list[tuple[int, ...]]) -> f
 
 def _nudged(drawing: Drawing, poses: Poses) -> Poses:
     """A neighbouring pose that closes, a hundredth along the free motions; the same where there are none."""
-    C = constraint_jacobian(drawing, poses)
+    C = constraint_jacobian(drawing, poses, still=True)
     Vt, s = np.linalg.svd(C)[2], np.linalg.svd(C, compute_uv=False)
     free = Vt[int((s > RANK * s.max(initial=1.0)).sum()) :]
     if not len(free):

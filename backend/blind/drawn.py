@@ -1,127 +1,18 @@
-"""A mechanism.json as plain numbers, read without a word of our own dynamics.
-
-What the peers are told about a mechanism: frames, masses, and each joint's effects summed into one law.
-"""
+"""A mechanism.json as plain numbers, read without a word of our own dynamics."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from backend.blind.poses import rotation_matrix
+from backend.blind.contacts import capsules, drawn_play, pads, play
+from backend.blind.drawing import WORLD, Drag, Drawing, DrawnBody, DrawnJoint, Drive, Push, Strut
+from backend.blind.poses import MET, rotation_matrix
 
 AIR_DENSITY_KG_PER_M3 = 1.225  # ISO 2533 standard atmosphere, sea level: the file's drag areas assume it
-WORLD = -1  # the index that stands for every fixed body
-
-Drive = Callable[[float], float]
-
-
-@dataclass(frozen=True)
-class DrawnBody:
-    """X_WB as drawn, mass [kg], p_BC [m] and inertia about C in body axes [kg m²]; massless where fixed."""
-
-    id: str
-    fixed: bool
-    p_WB: np.ndarray
-    R_WB: np.ndarray
-    mass: float
-    p_BC: np.ndarray
-    inertia: np.ndarray
-
-
-@dataclass
-class DrawnJoint:
-    """A joint with its frames, and the effort along q that its effects add up to [N m, or N if it slides].
-
-    effort = -stiffness q + preload + Σ drives(t) - damping q̇ - friction sign(q̇), and stops at lower, upper.
-    """
-
-    id: str
-    type: str
-    a: int
-    b: int
-    p_AF: np.ndarray
-    R_AF: np.ndarray
-    p_BF: np.ndarray
-    R_BF: np.ndarray
-    stiffness: float = 0.0
-    preload: float = 0.0
-    damping: float = 0.0
-    friction: float = 0.0
-    inertia: float = 0.0
-    lower: float = -np.inf
-    upper: float = np.inf
-    drives: list[Drive] = field(default_factory=list)
-
-    @property
-    def turns(self) -> bool:
-        """Whether q is an angle."""
-        return self.type == "revolute"
-
-    @property
-    def moves(self) -> bool:
-        """Whether there is a q at all."""
-        return self.type != "fixed"
-
-    def drive(self, time_s: float) -> float:
-        """Effort of the known drives [N m or N]."""
-        return sum(drive(time_s) for drive in self.drives)
-
-
-@dataclass(frozen=True)
-class Strut:
-    """A spring and damper along the line between two points, each in its body's axes."""
-
-    a: int
-    b: int
-    p_A: np.ndarray
-    p_B: np.ndarray
-    stiffness: float
-    free_length: float
-    damping: float
-
-
-@dataclass(frozen=True)
-class Push:
-    """A force (at p_A of body a) or a torque along a direction fixed in W; body b takes the reaction."""
-
-    a: int
-    b: int
-    p_A: np.ndarray
-    direction: np.ndarray
-    size: Drive
-    torque: bool
-
-
-@dataclass(frozen=True)
-class Drag:
-    """-linear v - quadratic |v| v at the centre of mass [N s/m, N s²/m²]."""
-
-    body: int
-    linear: float
-    quadratic: float
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """All of it; body indices count `bodies`, and b = WORLD means that nothing takes the reaction."""
-
-    gravity: np.ndarray
-    bodies: list[DrawnBody]
-    joints: list[DrawnJoint]
-    struts: list[Strut]
-    pushes: list[Push]
-    drags: list[Drag]
-    markers: list[tuple[str, int, np.ndarray]]
-
-    @property
-    def moving(self) -> list[int]:
-        """Indices of the bodies that can move."""
-        return [i for i, body in enumerate(self.bodies) if not body.fixed]
 
 
 def read_drawing(mechanism: Any, inputs: Any = None, *, engine: str, kinds: frozenset[str]) -> Drawing:
@@ -141,6 +32,8 @@ def read_drawing(mechanism: Any, inputs: Any = None, *, engine: str, kinds: froz
         struts=[],
         pushes=[],
         drags=[],
+        pads=[],
+        capsules=[],
         markers=[(m["id"], index[m["body"]], np.array(m["position_m"], float)) for m in document.get("markers", [])],
     )
     held = _held_values(inputs)
@@ -151,6 +44,12 @@ def read_drawing(mechanism: Any, inputs: Any = None, *, engine: str, kinds: froz
                 f"one of {', '.join(sorted(kinds))}"
             )
         _add_effect(drawing, index, effect, held)
+    for joint in joints:
+        if joint.play and joint.rub_radius:
+            raise ValueError(
+                f'joint "{joint.id}" has both clearance and pin_friction; a loose pin rubs where it touches: '
+                "give the clearance a friction_coefficient and remove the pin_friction"
+            )
     if unknown := sorted({f"{effect}.{parameter}" for effect, parameter in held}):
         raise ValueError(
             f"inputs drive {', '.join(unknown)}, which no effect takes; drive force_n or torque_n_m "
@@ -178,11 +77,9 @@ def _body(entry: Mapping[str, Any]) -> DrawnBody:
 
 
 def _joint(entry: Mapping[str, Any], index: Mapping[str, int]) -> DrawnJoint:
-    if entry["type"] not in ("revolute", "fixed", "prismatic"):
-        raise ValueError(
-            f'joint "{entry["id"]}" is {entry["type"]}; the peers know revolute, fixed and prismatic joints'
-        )
-    a, b = entry["frame_a"], entry["frame_b"]
+    if entry["type"] not in MET:
+        raise ValueError(f'joint "{entry["id"]}" is {entry["type"]}; the peers know {", ".join(MET)} joints')
+    a, b, fit = entry["frame_a"], entry["frame_b"], entry.get("fit") or {}
     return DrawnJoint(
         id=entry["id"],
         type=entry["type"],
@@ -192,6 +89,8 @@ def _joint(entry: Mapping[str, Any], index: Mapping[str, int]) -> DrawnJoint:
         R_AF=rotation_matrix(np.array(a["quaternion_wxyz"], float)),
         p_BF=np.array(b["position_m"], float),
         R_BF=rotation_matrix(np.array(b["quaternion_wxyz"], float)),
+        pin_radius=0.5 * float(fit.get("pin_diameter_m") or 0.0),
+        drawn_play=drawn_play(fit),
     )
 
 
@@ -224,6 +123,11 @@ def _add_effect(drawing: Drawing, index: Mapping[str, int], effect: Mapping[str,
         linear = float(given.get("n_s_per_m", 0.0))
         quadratic = 0.5 * AIR_DENSITY_KG_PER_M3 * float(given.get("drag_area_m2", 0.0))
         drawing.drags.extend(Drag(index[place], linear, quadratic) for place in places)
+    elif kind == "surface_friction":
+        places = [drawing.bodies[i].id for i in drawing.moving] if on == "all" else on
+        drawing.pads.extend(pads(drawing, index[place], effect) for place in places)
+    elif kind == "link_contact":
+        drawing.capsules.append(capsules(effect, index))
     elif kind in ("extension_spring", "applied_force", "applied_torque"):
         a, b = [*(index[place] for place in on), WORLD][:2]
         if kind == "extension_spring":
@@ -233,7 +137,7 @@ def _add_effect(drawing: Drawing, index: Mapping[str, int], effect: Mapping[str,
     else:
         drives: dict[str, Drive] = {}
         for joint in drawing.joints if on == "all" else [by_id[place] for place in on]:
-            if joint.turns or (joint.moves and kind not in ("torsion_spring", "rotor_inertia")):
+            if joint.type == "revolute" or (joint.moves and kind not in REVOLUTE_ONLY):
                 _add_to_joint(joint, effect, held, drives)
 
 
@@ -274,6 +178,10 @@ def _add_to_joint(joint: DrawnJoint, effect: Mapping[str, Any], held: dict, driv
             joint.preload += number("stiffness_n_m_per_rad") * number("rest_rad")
         case "rotor_inertia":
             joint.inertia += number("kg_m2")
+        case "pin_friction":
+            joint.rub_radius += number("friction_coefficient") * joint.pin_radius
+        case "clearance":
+            joint.play = play(joint, effect)
         case "joint_stop":
             joint.lower = max(joint.lower, float(given.get("lower", -np.inf)))
             joint.upper = min(joint.upper, float(given.get("upper", np.inf)))
@@ -282,11 +190,22 @@ def _add_to_joint(joint: DrawnJoint, effect: Mapping[str, Any], held: dict, driv
             joint.drives.append(drives.setdefault(name, _drive(effect, name, held)))
 
 
+REVOLUTE_ONLY = ("torsion_spring", "rotor_inertia", "pin_friction", "clearance")
 JOINT_KINDS: Sequence[str] = (
     "viscous_friction",
     "coulomb_friction",
+    "pin_friction",
+    "clearance",
     "torsion_spring",
     "joint_stop",
     "effort_offset",
 )
-BODY_KINDS: Sequence[str] = ("extension_spring", "applied_force", "applied_torque", "linear_drag", "air_drag")
+BODY_KINDS: Sequence[str] = (
+    "extension_spring",
+    "applied_force",
+    "applied_torque",
+    "linear_drag",
+    "air_drag",
+    "surface_friction",
+    "link_contact",
+)

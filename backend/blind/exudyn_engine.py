@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from backend.blind.closure import assemble, independent_rows, row_margin, set_in_motion
-from backend.blind.drawn import BODY_KINDS, JOINT_KINDS, Drawing, read_drawing
+from backend.blind.drawing import Drawing
+from backend.blind.drawn import BODY_KINDS, JOINT_KINDS, read_drawing
+from backend.blind.exudyn_contact import Walls
 from backend.blind.exudyn_model import ExudynModel
 from backend.blind.peer import peer
 from backend.blind.poses import COORDINATE, PeerMotion, Poses, joint_rates, peer_motion, size_m
@@ -38,6 +40,7 @@ def simulate_exudyn(
     redundant_rows: str = "auto",
     spectral_radius: float = 0.9,
     friction_creep: float = CREEP,
+    walls: Walls | None = None,
 ) -> PeerMotion:
     """The mechanism's motion for `duration_s` from its drawn pose, at rest unless rates are given.
 
@@ -47,6 +50,8 @@ def simulate_exudyn(
     out where closure.row_margin says that this is safe all the way.
     extrapolated: run at step_s and half of it, and cancel the error's h²: for smooth motions only.
     friction_creep: rate at which Coulomb friction is 71% mobilised [rad/s or m/s].
+    walls: what stands for rigid and inelastic where things touch; contact wants steps of 0.02 to 0.1 ms, and below
+    that Newton may stall where many pins are loose.
     Raises ValueError for an effect or joint it cannot imitate, RuntimeError when the integrator gives up.
     """
     exudyn = peer("exudyn")
@@ -55,13 +60,14 @@ def simulate_exudyn(
     set_in_motion(drawing, start, initial_joint_velocities)
     keep = _kept_rows(drawing, start, redundant_rows)
     every = output_step_s or step_s
-    rubs = any(joint.friction for joint in drawing.joints)
+    rubs = any(joint.friction or joint.rub_radius for joint in drawing.joints)
+    touches = bool(drawing.capsules or drawing.pads) or any(joint.play for joint in drawing.joints)
     rates: dict[str, float] = {}
 
     def solved(step: float, until_s: float = duration_s) -> tuple[np.ndarray, Poses]:
-        build = ExudynModel(exudyn.SystemContainer(), drawing, start, friction_creep, step, rates)
+        build = ExudynModel(exudyn.SystemContainer(), drawing, start, friction_creep, step, rates, walls or Walls())
         build.everything(keep)
-        settings = _settings(until_s, step, min(every, until_s), spectral_radius, keep is None, rubs)
+        settings = _settings(until_s, step, min(every, until_s), spectral_radius, keep is None, rubs, touches)
         try:
             build.mbs.Assemble()
             build.mbs.SolveDynamic(settings)
@@ -91,6 +97,8 @@ def _kept_rows(drawing: Drawing, start: Poses, redundant_rows: str) -> list[tupl
     if redundant_rows == "ignored":
         return None
     keep = independent_rows(drawing, start)
+    if any(joint.rub_radius and not {0, 1} <= set(held) for joint, held in zip(drawing.joints, keep, strict=True)):
+        return None  # a pin rubs with its whole radial reaction
     return keep if redundant_rows == "left out" or row_margin(drawing, start, keep) > SAFE else None
 
 
@@ -100,7 +108,7 @@ def _rates_at_end(drawing: Drawing, time_s: np.ndarray, poses: Poses) -> dict[st
 
 
 def _settings(
-    duration_s: float, step_s: float, every_s: float, spectral_radius: float, every_row: bool, rubs: bool
+    duration_s: float, step_s: float, every_s: float, spectral_radius: float, every_row: bool, rubs: bool, touches: bool
 ) -> Any:
     exudyn = peer("exudyn")
     settings = exudyn.SimulationSettings()
@@ -110,8 +118,13 @@ def _settings(
     integrator.generalizedAlpha.spectralRadius = spectral_radius
     integrator.newton.useModifiedNewton = False
     # Sticking joints are stiff enough for rounding to hold Newton above the tighter tolerance.
-    integrator.newton.relativeTolerance = 1e-8 if rubs else 1e-10
-    integrator.newton.absoluteTolerance = 1e-10 if rubs else 1e-12
+    integrator.newton.relativeTolerance = 1e-8 if rubs or touches else 1e-10
+    integrator.newton.absoluteTolerance = 1e-10 if rubs or touches else 1e-12
+    if touches:
+        # A contact found inside a step is met by iterating; going back to the moment of each of many blows stalls.
+        integrator.discontinuous.useRecommendedStepSize = False
+        integrator.newton.useModifiedNewton = True
+        integrator.newton.maxIterations = 10
     integrator.verboseMode = 0
     settings.solution.file.write = False
     settings.solution.sensors.writePeriod = every_s * (1 - 1e-9)

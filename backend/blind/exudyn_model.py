@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from backend.blind.drawn import Drag, Drawing, DrawnJoint, Drive, Push, Strut
+from backend.blind.drawing import Drag, Drawing, DrawnJoint, Drive, Push, Strut
+from backend.blind.exudyn_contact import Walls, add_capsules, add_pads, add_play
 from backend.blind.peer import peer
-from backend.blind.poses import MET, Poses, joint_rows, quaternion
+from backend.blind.poses import Poses, joint_rows, quaternion
 
 STOP_TIME_S = 2e-3  # of a stop's spring with the inertia at its joint; the damper makes it creep, not bounce
 STOP_DAMPING = 4.0  # times critical: a body leaves with less than 2% of its speed
@@ -29,12 +30,13 @@ class ExudynModel:
         creep: float,
         step_s: float,
         first_rates: Mapping[str, float],
+        walls: Walls,
     ):
         self.exudyn, self.items = peer("exudyn"), peer("exudyn.itemInterface")
         self.output = self.exudyn.OutputVariableType
         self.system, self.mbs = system, system.AddSystem()
         self.drawing, self.poses, self.creep = drawing, poses, creep
-        self.half, self.first_rates = 0.5 * step_s, first_rates
+        self.half, self.first_rates, self.walls = 0.5 * step_s, first_rates, walls
         self.bodies: list[Any] = []
         self.sensors: dict[int, tuple[Any, ...]] = {}
 
@@ -45,18 +47,23 @@ class ExudynModel:
             self.bodies.append(self._body(i))
         for i, joint in enumerate(self.drawing.joints):
             markers = [
-                self._marker(joint.a, joint.p_AF, joint.R_AF),
-                self._marker(joint.b, joint.p_BF, joint.R_BF),
+                self.marker(joint.a, joint.p_AF, joint.R_AF),
+                self.marker(joint.b, joint.p_BF, joint.R_BF),
             ]
-            self._hold(joint, markers, None if keep is None else keep[i])
+            held = self._hold(joint, markers, None if keep is None else keep[i])
+            add_play(self, joint, markers)
             if joint.moves:
-                self._effort(joint, markers)
+                self._effort(joint, markers, held)
         for strut in self.drawing.struts:
             self._strut(strut)
         for push in self.drawing.pushes:
             self._push(push)
         for drag in self.drawing.drags:
             self._drag(drag)
+        for pads in self.drawing.pads:
+            add_pads(self, pads)
+        for pair in self.drawing.capsules:
+            add_capsules(self, pair)
 
     def recorded(self) -> tuple[np.ndarray, Poses]:
         """Times and poses that the sensors stored."""
@@ -103,7 +110,7 @@ class ExudynModel:
         )
         return number
 
-    def _marker(self, i: int, p: np.ndarray, R: np.ndarray | None = None) -> Any:
+    def marker(self, i: int, p: np.ndarray, R: np.ndarray | None = None) -> Any:
         """A marker at a point (and frame) of a body; the assembled world pose where the body is fixed."""
         R = np.eye(3) if R is None else R
         number = self.bodies[i] if i >= 0 else None
@@ -115,18 +122,28 @@ class ExudynModel:
             self.items.MarkerBodyRigid(bodyNumber=number, localHT=self.exudyn.HT(rotation=R, translation=p))
         )
 
-    def _hold(self, joint: DrawnJoint, markers: list[Any], rows: tuple[int, ...] | None) -> None:
-        held = set(MET[joint.type] if rows is None else rows)
-        if held and not (self._still(joint.a) and self._still(joint.b)):
-            axes = [int(k in held) for k in range(6)]
-            self.mbs.AddObject(self.items.ObjectJointGeneric(markerNumbers=markers, constrainedAxes=axes))
+    def _hold(self, joint: DrawnJoint, markers: list[Any], rows: tuple[int, ...] | None) -> Any:
+        """The joint's constraints, if it has any to hold."""
+        held = set(joint.held if rows is None else rows)
+        if not held or (self._still(joint.a) and self._still(joint.b)):
+            return None
+        axes = [int(k in held) for k in range(6)]
+        # Exudyn's universal joint keeps x of its first marker across y of its second, ours y of a across x of b.
+        pair = markers[::-1] if joint.type == "universal" else markers
+        return self.mbs.AddObject(self.items.ObjectJointGeneric(markerNumbers=pair, constrainedAxes=axes))
 
     def _still(self, i: int) -> bool:
         return i < 0 or self.bodies[i] is None
 
-    def _effort(self, joint: DrawnJoint, markers: list[Any]) -> None:
+    def _effort(self, joint: DrawnJoint, markers: list[Any], held: Any) -> None:
         """The joint's law as one spring-damper about or along its z."""
-        law = _law(joint, self.creep, self.half, self.first_rates.get(joint.id), self._stop_stiffness(joint))
+
+        def radial_load(mbs: Any) -> float:
+            x, y, _ = mbs.GetObjectOutput(held, self.output.ForceLocal)
+            return float(np.hypot(x, y))
+
+        load = radial_load if joint.rub_radius and held is not None else None
+        law = _law(joint, self.creep, self.half, self.first_rates.get(joint.id), self._stop_stiffness(joint), load)
         if law is None:
             return
         if joint.turns:
@@ -158,7 +175,7 @@ class ExudynModel:
     def _strut(self, strut: Strut) -> None:
         self.mbs.AddObject(
             self.items.ObjectConnectorSpringDamper(
-                markerNumbers=[self._marker(strut.a, strut.p_A), self._marker(strut.b, strut.p_B)],
+                markerNumbers=[self.marker(strut.a, strut.p_A), self.marker(strut.b, strut.p_B)],
                 referenceLength=strut.free_length,
                 stiffness=strut.stiffness,
                 damping=strut.damping,
@@ -175,7 +192,7 @@ class ExudynModel:
         Load = self.items.LoadTorqueVector if push.torque else self.items.LoadForceVector
         for i, sign, p in ((push.a, 1.0, push.p_A), (push.b, -1.0, np.zeros(3))):
             if not self._still(i):
-                marker = self._marker(i, p)
+                marker = self.marker(i, p)
                 self.mbs.AddLoad(Load(markerNumber=marker, loadVector=[0, 0, 0], loadVectorUserFunction=along(sign)))
         if push.torque or body_b is None:
             return
@@ -185,7 +202,7 @@ class ExudynModel:
             p_WB = mbs.GetObjectOutputBody(body_b, self.output.Position, [0, 0, 0])
             return -_across(push.size, t, self.half) * np.cross(p_WP - p_WB, push.direction)
 
-        marker = self._marker(push.b, np.zeros(3))
+        marker = self.marker(push.b, np.zeros(3))
         load = self.items.LoadTorqueVector(markerNumber=marker, loadVector=[0, 0, 0], loadVectorUserFunction=moment)
         self.mbs.AddLoad(load)
 
@@ -203,8 +220,8 @@ class ExudynModel:
             return (drag.linear + drag.quadratic * np.linalg.norm(v)) * v
 
         markers = [
-            self._marker(-1, np.zeros(3)),
-            self._marker(drag.body, self.drawing.bodies[drag.body].p_BC),
+            self.marker(-1, np.zeros(3)),
+            self.marker(drag.body, self.drawing.bodies[drag.body].p_BC),
         ]
         damper = self.items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers, springForceUserFunction=force)
         self.mbs.AddObject(damper)
@@ -215,18 +232,26 @@ def _across(drive: Drive, time_s: float, half_step_s: float) -> float:
     return 0.5 * (drive(max(0.0, time_s - half_step_s)) + drive(time_s + half_step_s))
 
 
-def _law(joint: DrawnJoint, creep: float, half: float, first_rate: float | None, stop: tuple[float, float]):
+def _law(
+    joint: DrawnJoint,
+    creep: float,
+    half: float,
+    first_rate: float | None,
+    stop: tuple[float, float],
+    radial_load: Callable[[Any], float] | None,
+):
     """Resistance against growing q, as Exudyn's connectors ask for it; None where the joint is ideal."""
     bounded = joint.lower > -np.inf or joint.upper < np.inf
-    if not (joint.stiffness or joint.damping or joint.friction or joint.drives or bounded):
+    if not (joint.stiffness or joint.damping or joint.friction or joint.drives or bounded or radial_load):
         return None
     stiff, damp = stop
 
     def resistance(mbs, t, item, q, rate, stiffness, damping, offset):
         effort = joint.stiffness * q - joint.preload - _across(joint.drive, t, half) + joint.damping * rate
-        if joint.friction:
+        rub = joint.friction + (joint.rub_radius * radial_load(mbs) if radial_load else 0.0)
+        if rub:
             slip = first_rate if t <= 0.0 and first_rate is not None else rate
-            effort += joint.friction * slip / (slip * slip + creep * creep) ** 0.5
+            effort += rub * slip / (slip * slip + creep * creep) ** 0.5
         if bounded:
             over, under = q - joint.upper, joint.lower - q
             if over > 0.0:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from backend.blind.drawn import Drawing, DrawnJoint
+    from backend.blind.drawing import Drawing, DrawnJoint
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,8 @@ class PeerMotion:
     joint_positions, joint_velocities: joint -> (T,), frame_b against frame_a about or along z; unwrapped.
     marker_position_m: marker -> (T, 3) in W.
     kinetic_j, potential_j: (T,), from the poses and velocities; potential of gravity and of springs.
-    constraint_error_m: (T,), the largest row of any joint that is not met; angles times the mechanism's size.
+    constraint_error_m: (T,), the largest row of any joint that is not met; angles times the mechanism's size.  A
+    loose pin's play is no error.
     """
 
     engine: str
@@ -109,12 +110,17 @@ def joint_frame(poses: Poses, body: int, p_BF: np.ndarray, R_BF: np.ndarray) -> 
 
 
 def joint_rows(joint: DrawnJoint, poses: Poses) -> np.ndarray:
-    """(..., 6): offset of frame_b in frame_a [m], its two tilts, and its turn about z in (-π, π] [rad]."""
+    """(..., 6): offset of frame_b in frame_a [m], its two tilts, and its turn about z in (-π, π] [rad].
+
+    A universal joint's last row is the cosine of the angle between y of frame_a and x of frame_b.
+    """
     p_WA, R_WA = joint_frame(poses, joint.a, joint.p_AF, joint.R_AF)
     p_WB, R_WB = joint_frame(poses, joint.b, joint.p_BF, joint.R_BF)
     R_AB = np.swapaxes(R_WA, -1, -2) @ R_WB
     offset = np.einsum("...ji,...j->...i", R_WA, p_WB - p_WA)
     turn = np.arctan2(R_AB[..., 1, 0] - R_AB[..., 0, 1], R_AB[..., 0, 0] + R_AB[..., 1, 1])
+    if joint.type == "universal":
+        turn = R_AB[..., 1, 0]
     return np.concatenate([offset, np.stack([-R_AB[..., 1, 2], R_AB[..., 0, 2], turn], -1)], -1)
 
 
@@ -130,8 +136,17 @@ def joint_rates(joint: DrawnJoint, poses: Poses) -> np.ndarray:
     return np.concatenate([np.einsum("...ji,...j->...i", R_WA, part) for part in np.split(both, 2, -1)], -1)
 
 
-MET = {"revolute": (0, 1, 2, 3, 4), "prismatic": (0, 1, 3, 4, 5), "fixed": (0, 1, 2, 3, 4, 5)}
-COORDINATE = {"revolute": 5, "prismatic": 2}
+MET = {
+    "revolute": (0, 1, 2, 3, 4),
+    "prismatic": (0, 1, 3, 4, 5),
+    "fixed": (0, 1, 2, 3, 4, 5),
+    "spherical": (0, 1, 2),
+    "cylindrical": (0, 1, 3, 4),
+    "planar": (2, 3, 4),
+    "universal": (0, 1, 2, 5),
+}
+COORDINATE = {"revolute": 5, "prismatic": 2, "cylindrical": 5, "planar": 5}
+LOOSE = (2, 3, 4)  # what a pin in a wider hole still holds: the offset along the axis, and both tilts
 
 
 def size_m(drawing: Drawing) -> float:
@@ -156,7 +171,7 @@ def peer_motion(
     q, qd, error, scale = {}, {}, np.zeros(len(time_s)), size_m(drawing)
     for joint in drawing.joints:
         rows, rates = joint_rows(joint, poses), joint_rates(joint, poses)
-        met = rows[:, MET[joint.type]] * np.where(np.array(MET[joint.type]) > 2, scale, 1.0)
+        met = rows[:, joint.held] * np.where(np.array(joint.held) > 2, scale, 1.0)
         error = np.maximum(error, np.abs(met).max(1))
         if joint.moves:
             k = COORDINATE[joint.type]

@@ -185,3 +185,43 @@ def towards(axis):
     """The rotation that brings z to `axis`."""
     w = np.array([1.0 + axis[2], -axis[1], axis[0], 0.0])
     return w / np.linalg.norm(w)
+
+
+def loose_pin(place=(0.0, 0.0), mass=0.1, gravity=(0.0, -9.81, 0.0), radius=0.004, **play):
+    """A body on a pin of the ground's hole, its centre of mass on the pin's axis, drawn somewhere in the hole."""
+    pin = body("pin", (*place, 0.0), (1.0, 0, 0, 0), mass, (0, 0, 0), (1e-5, 1e-5, 1e-5))
+    hole = {**joint("j", GROUND, pin, (0, 0, 0)), "frame_b": {**REST}}
+    if radius:
+        hole["fit"] = {"pin_diameter_m": 2 * radius}
+    return mechanism([pin], [hole], [effect("play", "clearance", ["j"], **play)], gravity=gravity)
+
+
+def roller(slope=0.0, height=0.0, radius=0.01, mass=0.1, **contact):
+    """A solid round bar along z above a round rail along x, in a planar joint; gravity leans by `slope` along x."""
+    bar = body("bar", (0, radius + 0.02 + height, 0), (1.0, 0, 0, 0), mass, (0, 0, 0), 3 * (0.5 * mass * radius**2,))
+    touch = effect(
+        "touch",
+        "link_contact",
+        ["ground", "bar"],
+        start_a_m=[-1.0, 0, 0],
+        end_a_m=[1.0, 0, 0],
+        radius_a_m=0.02,
+        start_b_m=[0, 0, -0.05],
+        end_b_m=[0, 0, 0.05],
+        radius_b_m=radius,
+        **contact,
+    )
+    leaning = (9.81 * np.sin(slope), -9.81 * np.cos(slope), 0.0)
+    return mechanism([bar], [joint("j", GROUND, bar, (0, 0, 0), type="planar")], [touch], gravity=leaning)
+
+
+def two_links(type):
+    """A bar on a ball joint, and a second bar on its end by a joint of the type: nothing lies in one plane."""
+    upper = body("upper", (0, 0, 0), (1.0, 0, 0, 0), 0.1, (0.1, 0, 0), (2e-5, 3.4e-4, 3.4e-4))
+    lower = body("lower", (0.2, 0, 0), (1.0, 0, 0, 0), 0.08, (0.03, 0.08, 0.02), (2e-4, 3e-5, 2.1e-4))
+    tilted = towards(np.array([0.36, 0.48, 0.8]))
+    joints = [
+        joint("ball", GROUND, upper, (0, 0, 0), tilted, "spherical"),
+        joint("j", upper, lower, (0.2, 0, 0), tilted, type),
+    ]
+    return mechanism([upper, lower], joints, gravity=(1.0, -9.0, 3.0))

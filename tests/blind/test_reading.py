@@ -9,7 +9,20 @@ import pytest
 from backend.blind import closure, drawn
 from backend.mechanism.read import parse_mechanism
 
-PEERS = ("drawn", "poses", "closure", "peer", "exudyn_model", "exudyn_engine", "mujoco_engine")
+PEERS = (
+    "drawing",
+    "drawn",
+    "contacts",
+    "poses",
+    "closure",
+    "peer",
+    "exudyn_model",
+    "exudyn_contact",
+    "exudyn_engine",
+    "mujoco_model",
+    "mujoco_loads",
+    "mujoco_engine",
+)
 
 
 def read(document):
@@ -99,15 +112,15 @@ def test_a_drawing_rounded_to_seven_digits_is_closed_before_it_moves(linkages):
 
 
 def test_an_effect_that_a_peer_cannot_imitate_is_named(linkages, simulate):
-    rub = linkages.effect("rub", "pin_friction", ["j"], friction_coefficient=0.1)
-    with pytest.raises(ValueError, match=r'"rub".*has no pin_friction'):
-        simulate(linkages.pendulum(effects=[rub]), 0.1, 1e-3)
+    bend = linkages.effect("bend", "link_flexibility", ["link"], stiffness_n_m_per_rad=1.0)
+    with pytest.raises(ValueError, match=r'"bend".*has no link_flexibility'):
+        simulate(linkages.pendulum(effects=[bend]), 0.1, 1e-3)
 
 
 def test_a_joint_that_a_peer_cannot_imitate_is_named(linkages, simulate):
     document = linkages.pendulum()
-    document["joints"][0]["type"] = "spherical"
-    with pytest.raises(ValueError, match='"j" is spherical'):
+    document["joints"][0]["type"] = "screw"
+    with pytest.raises(ValueError, match='"j" is screw'):
         simulate(document, 0.1, 1e-3)
 
 

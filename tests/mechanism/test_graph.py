@@ -176,7 +176,10 @@ def test_a_joint_drawn_outside_its_limits_is_warned_about(drawings):
 
 def test_an_effect_that_cannot_be_simulated_yet_is_warned_about(drawings):
     document = drawings.pendulum()
-    document["effects"].append({"id": "e9", "kind": "link_contact", "on": ["ground", "link1"]})
+    capsules = {f"{end}_{side}_m": [0.0, 0.0, 0.0] for end in ("start", "end") for side in "ab"}
+    radii = {"radius_a_m": 0.01, "radius_b_m": 0.01}
+    touch = {"id": "e9", "kind": "link_contact", "on": ["ground", "link1"], "parameters": {**capsules, **radii}}
+    document["effects"].append(touch)
     assert any('effect "e9": link_contact is read but not simulated' in text for text in report(document).warnings)
 
 
