@@ -37,6 +37,7 @@ lock: $(INSTALLED)
 
 clean:
 	rm -rf $(VENV) out dist build .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -f backend/simulate/kernel/*.so
 
 # uv installs the lock five times faster than pip. Where only pip is set up to reach packages, pip does it:
 # the same versions, the same hashes.
@@ -48,6 +49,8 @@ $(LOCKED): requirements.lock
 	    || $(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements.lock
 	touch $@
 
-$(INSTALLED): $(LOCKED) pyproject.toml
+# The compiled kernel is optional: where there is no C++ compiler, one line says so and the set-up goes on.
+$(INSTALLED): $(LOCKED) pyproject.toml $(wildcard backend/simulate/kernel/*.cpp)
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m backend.simulate.kernel
 	touch $@

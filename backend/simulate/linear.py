@@ -1,4 +1,7 @@
-"""The O(n) solve: a block tridiagonal matrix over the levels of the body graph."""
+"""The O(n) solve: a block tridiagonal matrix over the levels of the body graph.
+
+`kernel` holds the same two functions compiled; they are used where they have been built.
+"""
 
 from typing import NamedTuple
 
@@ -7,14 +10,17 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from backend.model.topology import Topology
+from backend.simulate.kernel import call as kernel
 
 
 class Factor(NamedTuple):
-    """Inverses of the pivots and the couplings of neighbouring levels, n = 6 x width."""
+    """M = (pivots + lower) (1 + coupling), n = 6 x width; the last lower and coupling blocks are zero."""
 
     pivot_inverse: Float[Array, "levels n n"]
     lower: Float[Array, "levels n n"]
-    upper: Float[Array, "levels n n"]
+    """From a level to the next."""
+    coupling: Float[Array, "levels n n"]
+    """Pivot inverse x upper: from the next level to this."""
 
 
 def factor(
@@ -29,6 +35,8 @@ def factor(
     It has a block on every body, leftᵀ right between the bodies of every joint, and one block for each other link.
     """
     levels, width, n = topology.levels, topology.width, 6 * topology.width
+    if topology.slots and kernel.available():
+        return Factor(*kernel.factor(levels, width, topology.joints + topology.struts, bodies, left, right, others))
     links = jnp.concatenate([jnp.einsum("jri,jrk->jik", left, right), others])
     blocks = links.reshape(-1, 2, 6, 2, 6).transpose(0, 1, 3, 2, 4).reshape(-1, 6, 6)
     blocks = jnp.concatenate([blocks, jnp.zeros((1, 6, 6))])
@@ -39,30 +47,33 @@ def factor(
     eye = jnp.eye(width)
     diagonal = diagonal + (own[:, :, :, None, :] * eye[None, :, None, :, None]).reshape(levels, n, n)
 
-    def eliminate(carried: Array, level: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+    def eliminate(carried: Array, level: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         block, below, above = level
         inverse = jnp.linalg.inv(block - carried)
-        return below @ (inverse @ above), inverse
+        coupling = inverse @ above
+        return below @ coupling, (inverse, coupling)
 
-    _, pivots = lax.scan(eliminate, jnp.zeros((n, n)), (diagonal, lower, upper))
-    return Factor(pivots, lower, upper)
+    _, (pivots, couplings) = lax.scan(eliminate, jnp.zeros((n, n)), (diagonal, lower, upper))
+    return Factor(pivots, lower, couplings)
 
 
 def solve(factored: Factor, rhs: Float[Array, "slots 6"]) -> Float[Array, "slots 6"]:
     """x with M x = rhs; linear in rhs, so that JAX can transpose it."""
     levels, n, _ = factored.pivot_inverse.shape
+    if rhs.size and kernel.available():
+        return kernel.solve(*factored, rhs)
 
     def forward(carried: Array, level: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         inverse, below, right = level
-        t = inverse @ (right - carried)
-        return below @ t, t
+        reduced = inverse @ (right - carried)
+        return below @ reduced, reduced
 
-    def backward(after: Array, level: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-        inverse, above, t = level
-        x = t - inverse @ (above @ after)
+    def backward(after: Array, level: tuple[Array, Array]) -> tuple[Array, Array]:
+        coupling, reduced = level
+        x = reduced - coupling @ after
         return x, x
 
     zero = jnp.zeros(n)
     _, reduced = lax.scan(forward, zero, (factored.pivot_inverse, factored.lower, rhs.reshape(levels, n)))
-    _, x = lax.scan(backward, zero, (factored.pivot_inverse, factored.upper, reduced), reverse=True)
+    _, x = lax.scan(backward, zero, (factored.coupling, reduced), reverse=True)
     return x.reshape(-1, 6)

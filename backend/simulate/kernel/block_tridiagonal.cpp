@@ -1,0 +1,430 @@
+// The compiled twin of backend/simulate/linear.py: a block tridiagonal matrix over the levels of the body graph.
+//
+// Matrices are row-major doubles; a level's block is n x n, n = 6 x width.  Leading dimensions of an argument are
+// batches: each is 1 where the argument is shared, or the size of the whole batch.
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <condition_variable>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "xla/ffi/api/ffi.h"
+
+namespace ffi = xla::ffi;
+
+namespace {
+
+using Real = ffi::Buffer<ffi::F64>;
+using RealResult = ffi::ResultBuffer<ffi::F64>;
+using Slots = ffi::Span<const int32_t>;
+
+constexpr int BODY = 6, PAIR = 12;
+constexpr double WORTH_A_THREAD = 2e5;  // multiplications below which waking another thread costs more than it saves
+
+// The size of a block: known when compiled for narrow mechanisms, so that loops unroll, or only when run.
+template <int N>
+struct Fixed {
+  constexpr operator int() const { return N; }
+};
+struct Loose {
+  int size;
+  operator int() const { return size; }
+};
+
+// Doubles that the processor treats as one where it can.
+typedef double Two __attribute__((vector_size(16)));
+typedef double Four __attribute__((vector_size(32)));
+typedef double Eight __attribute__((vector_size(64)));
+
+// Entry (i, k) of a matrix is at[i * by_row + k * by_column].
+struct Strided {
+  const double* at;
+  int by_row, by_column;
+};
+
+// Six rows and a few columns of c += sign a b; their sums stay in registers.
+template <class Lanes>
+inline void multiply_tile(int depth, double sign, Strided a, const double* b, int b_row, double* c, int c_row) {
+  Lanes sum[BODY] = {};
+  for (int k = 0; k < depth; ++k) {
+    Lanes row;
+    std::memcpy(&row, b + k * b_row, sizeof row);
+    for (int i = 0; i < BODY; ++i) sum[i] += a.at[i * a.by_row + k * a.by_column] * row;
+  }
+  for (int i = 0; i < BODY; ++i) {
+    Lanes row;
+    std::memcpy(&row, c + i * c_row, sizeof row);
+    row += sign * sum[i];
+    std::memcpy(c + i * c_row, &row, sizeof row);
+  }
+}
+
+// c += sign a b; rows of c in sixes, columns even
+template <class Size>
+inline void multiply(Size rows, int depth, double sign, Strided a, const double* b, double* c, Size columns) {
+  for (int i = 0; i < rows; i += BODY) {
+    const Strided from = {a.at + i * a.by_row, a.by_row, a.by_column};
+    double* to = c + i * columns;
+    int j = 0;
+    for (; j + 8 <= columns; j += 8) multiply_tile<Eight>(depth, sign, from, b + j, columns, to + j, columns);
+    for (; j + 4 <= columns; j += 4) multiply_tile<Four>(depth, sign, from, b + j, columns, to + j, columns);
+    for (; j < columns; j += 2) multiply_tile<Two>(depth, sign, from, b + j, columns, to + j, columns);
+  }
+}
+
+template <class Lanes>
+inline void add_lanes(double times, const double* x, double* y) {
+  Lanes from, to;
+  std::memcpy(&from, x, sizeof from);
+  std::memcpy(&to, y, sizeof to);
+  to += times * from;
+  std::memcpy(y, &to, sizeof to);
+}
+
+// y += times x, an even number of entries
+template <class Size>
+inline void add(Size n, double times, const double* x, double* y) {
+  int j = 0;
+  for (; j + 8 <= n; j += 8) add_lanes<Eight>(times, x + j, y + j);
+  for (; j + 4 <= n; j += 4) add_lanes<Four>(times, x + j, y + j);
+  for (; j < n; j += 2) add_lanes<Two>(times, x + j, y + j);
+}
+
+// y <- keep y + times x
+template <class Lanes>
+inline void blend_lanes(const double* keep, double times, const double* x, double* y) {
+  Lanes kept, from, to;
+  std::memcpy(&kept, keep, sizeof kept);
+  std::memcpy(&from, x, sizeof from);
+  std::memcpy(&to, y, sizeof to);
+  to = kept * to + times * from;
+  std::memcpy(y, &to, sizeof to);
+}
+
+template <class Size>
+inline void blend(Size n, const double* keep, double times, const double* x, double* y) {
+  int j = 0;
+  for (; j + 4 <= n; j += 4) blend_lanes<Four>(keep + j, times, x + j, y + j);
+  for (; j < n; j += 2) blend_lanes<Two>(keep + j, times, x + j, y + j);
+}
+
+// Room for one block and its pivots.
+struct Scratch {
+  std::vector<double> block, pivot_row, ones;
+  std::vector<int> pivot;  // column of each row's pivot
+  std::vector<char> taken;
+  void fit(int n) {
+    if (static_cast<int>(pivot.size()) == n) return;
+    block.resize(n * n), pivot_row.resize(n), pivot.resize(n), taken.resize(n);
+    ones.assign(2 * n, 1.0);
+    ones[n] = 0.0;
+  }
+};
+
+// a <- a^-1 by Gauss and Jordan, each row's pivot its largest entry in a column not taken yet.  A singular block becomes
+// inf and NaN.  Rows are written whole: a single entry written into a row stalls the next reading of the row.
+template <class Size>
+void invert(Size n, double* __restrict a, Scratch& scratch) {
+  double *b = scratch.block.data(), *pivot_row = scratch.pivot_row.data();
+  int* __restrict pivot = scratch.pivot.data();
+  char* __restrict taken = scratch.taken.data();
+  std::copy_n(a, n * n, b);
+  std::fill_n(taken, n, 0);
+  for (int k = 0; k < n; ++k) {
+    const double* row = b + k * n;
+    int column = 0;
+    while (taken[column]) ++column;
+    double largest = std::fabs(row[column]);
+    for (int j = column + 1; j < n; ++j) {
+      const double size = std::fabs(row[j]);
+      if (size > largest && !taken[j]) largest = size, column = j;
+    }
+    pivot[k] = column;
+    taken[column] = 1;
+    const double by = 1.0 / row[column];
+    const double* but = scratch.ones.data() + (n - column);  // 0 in the pivot's column, 1 elsewhere
+    for (int j = 0; j < n; ++j) pivot_row[j] = by * (but[j] * row[j] + (1.0 - but[j]));
+    for (int step = 1; step < n; ++step) {  // the next row first: its pivot is sought while the others follow
+      const int i = k + step < n ? k + step : k + step - n;
+      blend(n, but, -b[i * n + column], pivot_row, b + i * n);
+    }
+    std::copy_n(pivot_row, n, b + k * n);
+  }
+  for (int k = 0; k < n; ++k)
+    for (int m = 0; m < n; ++m) a[pivot[k] * n + m] = b[k * n + pivot[m]];
+}
+
+// y += sign a x
+template <class Size>
+void apply(Size n, double sign, const double* __restrict a, const double* __restrict x, double* __restrict y) {
+  for (int row = 0; row < n; row += BODY) {
+    double sum[BODY][2] = {};
+    for (int k = 0; k < n; k += 2)
+      for (int i = 0; i < BODY; ++i)
+        for (int j = 0; j < 2; ++j) sum[i][j] += a[(row + i) * n + k + j] * x[k + j];
+    for (int i = 0; i < BODY; ++i) y[row + i] += sign * (sum[i][0] + sum[i][1]);
+  }
+}
+
+// y += sign a^T x
+template <class Size>
+void apply_transposed(Size n, double sign, const double* __restrict a, const double* __restrict x,
+                      double* __restrict y) {
+  for (int k = 0; k < n; ++k) add(n, sign * x[k], a + k * n, y);
+}
+
+// One matrix: what a factorisation reads and writes.
+struct Blocks {
+  const double *bodies, *left, *right, *others;
+  double *pivot_inverse, *lower, *coupling;
+};
+
+struct Shape {
+  int64_t levels, width, joints;
+  int rows;  // of a joint
+  int64_t others;
+  const int32_t* links;  // slots of both ends, joints first
+};
+
+// Adds the 6 x 6 blocks of one link, (2 x 6) x (2 x 6), where its two bodies stand.
+template <class Size>
+void place(Size n, const Shape& shape, int64_t link, const double* block, const Blocks& to) {
+  const int64_t slots = shape.levels * shape.width;
+  for (int row_side = 0; row_side < 2; ++row_side) {
+    const int64_t row = shape.links[2 * link + row_side];
+    if (row >= slots) continue;
+    for (int column_side = 0; column_side < 2; ++column_side) {
+      const int64_t column = shape.links[2 * link + column_side];
+      if (column >= slots) continue;
+      const int64_t level_row = row / shape.width, level_column = column / shape.width;
+      double* level = level_row == level_column  ? to.pivot_inverse
+                      : level_row < level_column ? to.coupling
+                                                 : to.lower;
+      level += std::min(level_row, level_column) * n * n;
+      level += ((row % shape.width) * n + column % shape.width) * BODY;
+      for (int i = 0; i < BODY; ++i)
+        add(Fixed<BODY>(), 1.0, block + (row_side * BODY + i) * PAIR + column_side * BODY, level + i * n);
+    }
+  }
+}
+
+template <class Size>
+void assemble(Size n, const Shape& shape, const Blocks& at) {
+  const int64_t size = shape.levels * n * n;
+  for (double* out : {at.pivot_inverse, at.lower, at.coupling}) std::fill_n(out, size, 0.0);
+  for (int64_t slot = 0; slot < shape.levels * shape.width; ++slot) {
+    double* corner = at.pivot_inverse + (slot / shape.width) * n * n + (slot % shape.width) * BODY * (n + 1);
+    for (int i = 0; i < BODY; ++i) std::copy_n(at.bodies + (slot * BODY + i) * BODY, BODY, corner + i * n);
+  }
+  for (int64_t joint = 0; joint < shape.joints; ++joint) {
+    const double *left = at.left + joint * shape.rows * PAIR, *right = at.right + joint * shape.rows * PAIR;
+    double block[PAIR * PAIR] = {};
+    multiply(Fixed<PAIR>(), shape.rows, 1.0, {left, 1, PAIR}, right, block, Fixed<PAIR>());
+    place(n, shape, joint, block, at);
+  }
+  for (int64_t other = 0; other < shape.others; ++other)
+    place(n, shape, shape.joints + other, at.others + other * PAIR * PAIR, at);
+}
+
+template <class Size>
+void factor_one(Size n, const Shape& shape, const Blocks& at) {
+  assemble(n, shape, at);
+  const int64_t size = static_cast<int64_t>(n) * n;
+  thread_local Scratch scratch;
+  thread_local std::vector<double> above;
+  scratch.fit(n), above.resize(size);
+  for (int64_t level = 0; level < shape.levels; ++level) {
+    double *inverse = at.pivot_inverse + level * size, *coupling = at.coupling + level * size;
+    invert(n, inverse, scratch);
+    if (level + 1 == shape.levels) break;
+    above.assign(coupling, coupling + size);
+    std::fill_n(coupling, size, 0.0);
+    multiply(n, n, 1.0, {inverse, n, 1}, above.data(), coupling, n);
+    multiply(n, n, -1.0, {at.lower + level * size, n, 1}, coupling, inverse + size, n);
+  }
+}
+
+// x = M^-1 b with M = (pivots + lower) (1 + coupling), level by level
+template <class Size>
+void solve_one(Size n, int64_t levels, const double* inverse, const double* lower, const double* coupling,
+               const double* b, double* x) {
+  const int64_t size = static_cast<int64_t>(n) * n;
+  thread_local std::vector<double> left_over;
+  left_over.assign(b, b + levels * n);
+  std::fill_n(x, levels * n, 0.0);
+  for (int64_t level = 0; level < levels; ++level) {
+    apply(n, 1.0, inverse + level * size, &left_over[level * n], x + level * n);
+    if (level + 1 < levels) apply(n, -1.0, lower + level * size, x + level * n, &left_over[(level + 1) * n]);
+  }
+  for (int64_t level = levels - 2; level >= 0; --level)
+    apply(n, -1.0, coupling + level * size, x + (level + 1) * n, x + level * n);
+}
+
+// x = M^-T b
+template <class Size>
+void solve_transposed_one(Size n, int64_t levels, const double* inverse, const double* lower, const double* coupling,
+                          const double* b, double* x) {
+  const int64_t size = static_cast<int64_t>(n) * n;
+  thread_local std::vector<double> left_over;
+  left_over.assign(b, b + levels * n);
+  std::fill_n(x, levels * n, 0.0);
+  for (int64_t level = 0; level + 1 < levels; ++level)
+    apply_transposed(n, -1.0, coupling + level * size, &left_over[level * n], &left_over[(level + 1) * n]);
+  for (int64_t level = levels - 1; level >= 0; --level) {
+    apply_transposed(n, 1.0, inverse + level * size, &left_over[level * n], x + level * n);
+    if (level > 0) apply_transposed(n, -1.0, lower + (level - 1) * size, x + level * n, &left_over[(level - 1) * n]);
+  }
+}
+
+// Calls `with` with the block size, as a constant for up to four bodies a level.
+template <class Call>
+void sized(int64_t width, const Call& with) {
+  switch (width) {
+    case 1: return with(Fixed<6>());
+    case 2: return with(Fixed<12>());
+    case 3: return with(Fixed<18>());
+    case 4: return with(Fixed<24>());
+    default: return with(Loose{static_cast<int>(BODY * width)});
+  }
+}
+
+// Where each sample of a batch begins in an argument; samples are numbered row-major over the batch's dimensions.
+class Samples {
+ public:
+  Samples(ffi::Span<const int64_t> dimensions, size_t own, const std::vector<int64_t>& batch)
+      : batch_(batch), strides_(batch.size()) {
+    int64_t stride = 1;
+    for (size_t i = dimensions.size(); i-- > dimensions.size() - own;) stride *= dimensions[i];
+    for (size_t i = batch.size(); i-- > 0;) {
+      strides_[i] = dimensions[i] == 1 ? 0 : stride;
+      stride *= dimensions[i];
+    }
+  }
+  int64_t operator()(int64_t sample) const {
+    int64_t start = 0;
+    for (size_t i = batch_.size(); i-- > 0; sample /= batch_[i]) start += sample % batch_[i] * strides_[i];
+    return start;
+  }
+
+ private:
+  const std::vector<int64_t>& batch_;
+  std::vector<int64_t> strides_;
+};
+
+std::vector<int64_t> batch_of(ffi::Span<const int64_t> dimensions, size_t own) {
+  return std::vector<int64_t>(dimensions.begin(), dimensions.end() - own);
+}
+
+int64_t count(const std::vector<int64_t>& batch) {
+  int64_t product = 1;
+  for (int64_t size : batch) product *= size;
+  return product;
+}
+
+// Runs work(0) .. work(samples - 1).  The caller works too and waits only for what has been taken up, so that a pool
+// whose threads are all busy, this call's own perhaps among them, cannot stop it.
+template <class Work>
+void spread(ffi::ThreadPool& pool, int64_t samples, double multiplications, const Work& work) {
+  const int64_t worth = static_cast<int64_t>(samples * multiplications / WORTH_A_THREAD);
+  const int64_t threads = samples > 1 ? std::min({pool.num_threads(), samples, worth}) : 1;
+  if (threads < 2) {
+    for (int64_t sample = 0; sample < samples; ++sample) work(sample);
+    return;
+  }
+  struct Shared {
+    std::atomic<int64_t> next{0};
+    std::mutex mutex;
+    std::condition_variable changed;
+    int64_t done = 0;
+  };
+  const auto shared = std::make_shared<Shared>();
+  const int64_t share = std::max<int64_t>(1, samples / (4 * threads));
+  const auto help = [shared, share, samples, &work] {  // `work` is touched only while the caller still waits
+    for (int64_t from; (from = shared->next.fetch_add(share)) < samples;) {
+      const int64_t to = std::min(from + share, samples);
+      for (int64_t sample = from; sample < to; ++sample) work(sample);
+      const std::lock_guard<std::mutex> lock(shared->mutex);
+      shared->done += to - from;
+      shared->changed.notify_all();
+    }
+  };
+  for (int64_t i = 1; i < threads; ++i) pool.Schedule([help] { help(); });
+  help();
+  std::unique_lock<std::mutex> lock(shared->mutex);
+  shared->changed.wait(lock, [&] { return shared->done == samples; });
+}
+
+ffi::Error factor(ffi::ThreadPool pool, Real bodies, Real left, Real right, Real others, RealResult pivot_inverse,
+                  RealResult lower, RealResult coupling, Slots links, int64_t width) {
+  const auto batch = batch_of(pivot_inverse->dimensions(), 3);
+  const size_t lead = batch.size();
+  const Shape shape = {pivot_inverse->dimensions()[lead], width,         left.dimensions()[lead],
+                       static_cast<int>(left.dimensions()[lead + 1]),       others.dimensions()[lead], links.begin()};
+  if (static_cast<int64_t>(links.size()) != 2 * (shape.joints + shape.others))
+    return ffi::Error::InvalidArgument("block_tridiagonal: a joint or another link lacks its two slots");
+  const Samples of_bodies(bodies.dimensions(), 3, batch), of_left(left.dimensions(), 3, batch),
+      of_right(right.dimensions(), 3, batch), of_others(others.dimensions(), 3, batch);
+  const int64_t n = BODY * width, size = shape.levels * n * n;
+  sized(width, [&](auto known) {
+    spread(pool, count(batch), 6.0 * size * n, [&](int64_t sample) {
+      factor_one(known, shape,
+                 {bodies.typed_data() + of_bodies(sample), left.typed_data() + of_left(sample),
+                  right.typed_data() + of_right(sample), others.typed_data() + of_others(sample),
+                  pivot_inverse->typed_data() + sample * size, lower->typed_data() + sample * size,
+                  coupling->typed_data() + sample * size});
+    });
+  });
+  return ffi::Error::Success();
+}
+
+ffi::Error solve(ffi::ThreadPool pool, Real pivot_inverse, Real lower, Real coupling, Real rhs, RealResult x,
+                 bool transposed) {
+  const auto batch = batch_of(x->dimensions(), 2);
+  const auto blocks = pivot_inverse.dimensions();
+  const int64_t levels = blocks[batch.size()], n = blocks[batch.size() + 1];
+  const Samples of_pivots(blocks, 3, batch), of_lower(lower.dimensions(), 3, batch),
+      of_coupling(coupling.dimensions(), 3, batch), of_rhs(rhs.dimensions(), 2, batch);
+  sized(n / BODY, [&](auto known) {
+    spread(pool, count(batch), 3.0 * levels * n * n, [&](int64_t sample) {
+      const double *inverse = pivot_inverse.typed_data() + of_pivots(sample),
+                   *below = lower.typed_data() + of_lower(sample),
+                   *above = coupling.typed_data() + of_coupling(sample), *b = rhs.typed_data() + of_rhs(sample);
+      double* to = x->typed_data() + sample * levels * n;
+      if (transposed)
+        solve_transposed_one(known, levels, inverse, below, above, b, to);
+      else
+        solve_one(known, levels, inverse, below, above, b, to);
+    });
+  });
+  return ffi::Error::Success();
+}
+
+}  // namespace
+
+XLA_FFI_DEFINE_HANDLER_SYMBOL(BlockTridiagonalFactor, factor,
+                              ffi::Ffi::Bind()
+                                  .Ctx<ffi::ThreadPool>()
+                                  .Arg<Real>()
+                                  .Arg<Real>()
+                                  .Arg<Real>()
+                                  .Arg<Real>()
+                                  .Ret<Real>()
+                                  .Ret<Real>()
+                                  .Ret<Real>()
+                                  .Attr<Slots>("links")
+                                  .Attr<int64_t>("width"));
+
+XLA_FFI_DEFINE_HANDLER_SYMBOL(BlockTridiagonalSolve, solve,
+                              ffi::Ffi::Bind()
+                                  .Ctx<ffi::ThreadPool>()
+                                  .Arg<Real>()
+                                  .Arg<Real>()
+                                  .Arg<Real>()
+                                  .Arg<Real>()
+                                  .Ret<Real>()
+                                  .Attr<bool>("transposed"));

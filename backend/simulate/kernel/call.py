@@ -1,0 +1,87 @@
+"""The compiled factorisation and solve as JAX sees them: batched by vmap, linear in the right-hand side."""
+
+import ctypes
+import functools
+import os
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from backend.simulate.kernel.build import library
+
+SWITCH = "LINKTWIN_KERNEL"
+FACTOR, SOLVE = "linktwin_block_tridiagonal_factor", "linktwin_block_tridiagonal_solve"
+
+
+def available() -> bool:
+    """Whether a library stands ready for this program: double precision on the CPU, and not switched off."""
+    wanted = os.environ.get(SWITCH, "on").lower() != "off"
+    double = jnp.zeros(()).dtype == jnp.float64
+    return wanted and double and jax.default_backend() == "cpu" and _loaded()
+
+
+@functools.cache
+def _loaded() -> bool:
+    found = library()
+    if found is None:
+        return False
+    try:
+        symbols = ctypes.cdll.LoadLibrary(str(found))
+    except OSError:
+        return False
+    for name, symbol in ((FACTOR, symbols.BlockTridiagonalFactor), (SOLVE, symbols.BlockTridiagonalSolve)):
+        jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(symbol), platform="cpu")
+    return True
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
+def factor(
+    levels: int,
+    width: int,
+    links: tuple[tuple[int, int], ...],
+    bodies: Float[Array, "slots 6 6"],
+    left: Float[Array, "joints r 12"],
+    right: Float[Array, "joints r 12"],
+    others: Float[Array, "others 12 12"],
+) -> tuple[Float[Array, "levels n n"], Float[Array, "levels n n"], Float[Array, "levels n n"]]:
+    """Pivots' inverses, lower blocks and couplings; links: slots of both ends, joints first."""
+    blocks = jax.ShapeDtypeStruct((levels, 6 * width, 6 * width), jnp.float64)
+    call = jax.ffi.ffi_call(FACTOR, (blocks, blocks, blocks), vmap_method="expand_dims")
+    slots = np.array(links, dtype=np.int32).ravel()
+    made = call(bodies, left, right, others, links=slots, width=np.int64(width))
+    return made[0], made[1], made[2]
+
+
+@factor.defjvp
+def _factor_jvp(levels: int, width: int, links: tuple, primals: tuple, tangents: tuple) -> tuple:
+    raise NotImplementedError(
+        "The compiled kernel gives first derivatives only (the matrix of a step is taken as it is). "
+        f"Set {SWITCH}=off before Python starts for second derivatives."
+    )
+
+
+def solve(
+    pivot_inverse: Float[Array, "levels n n"],
+    lower: Float[Array, "levels n n"],
+    coupling: Float[Array, "levels n n"],
+    rhs: Float[Array, "slots 6"],
+) -> Float[Array, "slots 6"]:
+    """x with M x = rhs."""
+
+    def by(transposed: bool, b: Array) -> Array:
+        call = jax.ffi.ffi_call(SOLVE, jax.ShapeDtypeStruct(b.shape, b.dtype), vmap_method="expand_dims")
+        return call(pivot_inverse, lower, coupling, b, transposed=transposed)
+
+    def times(x: Array) -> Array:
+        """M x = (pivots + lower) (1 + coupling) x; JAX asks for it and then needs only the two solves."""
+        levels, n, _ = pivot_inverse.shape
+        reduced = x.reshape(levels, n)
+        reduced = reduced.at[:-1].add(jnp.einsum("lij,lj->li", coupling[:-1], reduced[1:]))
+        b = jnp.linalg.solve(pivot_inverse, reduced[..., None])[..., 0]
+        return b.at[1:].add(jnp.einsum("lij,lj->li", lower[:-1], reduced[:-1])).reshape(x.shape)
+
+    solve_it, solve_transposed = functools.partial(by, False), functools.partial(by, True)
+    return lax.custom_linear_solve(times, rhs, lambda _, b: solve_it(b), lambda _, b: solve_transposed(b))

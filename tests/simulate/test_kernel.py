@@ -1,0 +1,230 @@
+"""The compiled kernel beside the same functions in JAX: same numbers, same derivatives, whoever runs them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from backend.model.build import build
+from backend.model.state import Start, drawn_pose
+from backend.model.system import system
+from backend.model.topology import Topology, lay_out
+from backend.simulate import linear
+from backend.simulate.kernel import call
+from backend.simulate.kernel.build import NoCompiler, compiler, library
+from backend.simulate.kernel.build import build as build_kernel
+from backend.simulate.rollout import rollout
+from tests.mechanisms import effect, fourbar, scissor
+
+
+def pinned(moving: str, *pairs: str, struts: tuple[str, ...] = ()) -> Topology:
+    """Bodies are letters, 'g' is the ground; a pair is two letters."""
+    joints = [(f"j{i}", "revolute", *pair) for i, pair in enumerate(pairs)]
+    return lay_out(list(moving), ["g"], joints, [(a, b) for a, b in struts])
+
+
+TOPOLOGIES = {
+    "one body": pinned("a", "ga"),
+    "chain": pinned("abcde", "ga", "ab", "bc", "cd", "de"),
+    "four-bar": pinned("abc", "ga", "ab", "bc", "cg"),
+    "scissor": build(scissor(4)).topology,
+    "unequal widths": pinned(
+        "abcdefgh".replace("g", "i"), "ga", "ab", "ac", "ad", "ae", "ef", "bf", "fh", struts=("hi",)
+    ),
+    "two grounded chains": pinned("abcd", "ga", "ab", "gc", "cd"),
+    "free-floating": pinned("abc", "ab", "bc", struts=("ac",)),
+    "no joints": pinned("ab", struts=("ab",)),
+    "three abreast": pinned("abcdef", "ga", "gb", "gc", "ad", "be", "cf", "de", "fe", struts=("dg",)),
+    "five abreast": pinned("abcdefhijk", "ga", "gb", "gc", "gd", "ge", "af", "bh", "ci", "dj", "ek", "fj", "ih"),
+}
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    """Whether the engine used to run with the kernel; built here where that has not happened."""
+    try:
+        compiler()
+    except NoCompiler as missing:
+        pytest.skip(f"the compiled kernel cannot be tested: {missing}")
+    build_kernel()
+    call._loaded.cache_clear()
+
+
+def run(switch: str, monkeypatch, function, *arguments):
+    """The value of a function compiled with the kernel on or off, and proof that it was."""
+    monkeypatch.setenv(call.SWITCH, switch)
+    jax.clear_caches()
+    compiled = jax.jit(lambda *a: function(*a))  # a new function, so that nothing compiled before is met
+    assert (call.FACTOR in compiled.lower(*arguments).as_text()) == (switch == "on")
+    return compiled(*arguments)
+
+
+def agree(one, other, within: float) -> None:
+    """Entry by entry, relative to the largest."""
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=within * np.abs(b).max(initial=1e-300))
+
+
+def matrix(topology: Topology, seed: int = 0, batch: tuple[int, ...] = ()):
+    """Random blocks with a heavy diagonal, some rows of some joints empty, and a right-hand side."""
+    draw = np.random.default_rng(seed)
+    joints, others = len(topology.joints), len(topology.struts)
+    bodies = draw.normal(size=(*batch, topology.slots, 6, 6)) + 30.0 * np.eye(6)
+    left = draw.normal(size=(*batch, joints, 6, 12))
+    right = left + 0.1 * draw.normal(size=left.shape)
+    right[..., 4:, :] = 0.0
+    couplings = draw.normal(size=(*batch, others, 12, 12))
+    rhs = draw.normal(size=(*batch, topology.slots, 6))
+    return tuple(jnp.asarray(x) for x in (bodies, left, right, couplings)), jnp.asarray(rhs)
+
+
+def answer(topology: Topology, blocks, rhs):
+    return linear.solve(linear.factor(topology, *blocks), rhs)
+
+
+def dense(topology: Topology, blocks) -> np.ndarray:
+    """The whole matrix, written out."""
+    bodies, left, right, others = map(np.asarray, blocks)
+    full = np.zeros((topology.slots + 1, 6, topology.slots + 1, 6))
+    for slot, own in enumerate(bodies):
+        full[slot, :, slot] += own
+    links = [*(a.T @ b for a, b in zip(left, right, strict=True)), *others]
+    for pair, link in zip(topology.links, links, strict=True):
+        for i, row in enumerate(np.minimum(pair, topology.slots)):
+            for k, column in enumerate(np.minimum(pair, topology.slots)):
+                full[row, :, column] += link[6 * i : 6 * i + 6, 6 * k : 6 * k + 6]
+    n = 6 * topology.slots
+    return full[:-1, :, :-1].reshape(n, n)
+
+
+WELL = 1e-12  # relative: the matrices' condition is below 1e3, and rounding 1e-16
+
+
+@pytest.mark.parametrize("name", TOPOLOGIES)
+def test_either_way_solves_the_dense_matrix_and_its_transpose(name, kernel, monkeypatch):
+    topology = TOPOLOGIES[name]
+    blocks, rhs = matrix(topology)
+    full, b = dense(topology, blocks), np.ravel(rhs)
+    assert np.linalg.cond(full) < 1e3
+
+    def answers(blocks, b):
+        factored = linear.factor(topology, *blocks)
+        x, pull = jax.vjp(lambda rhs: linear.solve(factored, rhs), b)
+        return factored, x.ravel(), pull(b)[0].ravel()
+
+    on, off = (run(switch, monkeypatch, answers, blocks, rhs) for switch in ("on", "off"))
+    agree(on, off, WELL)
+    agree(on[1:], (np.linalg.solve(full, b), np.linalg.solve(full.T, b)), WELL)
+
+
+@pytest.mark.parametrize("switch", ["on", "off"])
+def test_vmap_runs_over_systems_right_hand_sides_and_both(switch, kernel, monkeypatch):
+    topology = TOPOLOGIES["unequal widths"]
+    blocks, rhs = matrix(topology, batch=(3, 4))
+
+    def batched(blocks, rhs):
+        own = jax.vmap(jax.vmap(lambda m, b: answer(topology, m, b)))(blocks, rhs)
+        first = linear.factor(topology, *(x[0, 0] for x in blocks))
+        shared = jax.vmap(jax.vmap(lambda b: linear.solve(first, b)))(rhs)
+        rows = jax.vmap(lambda m: linear.factor(topology, *m))(tuple(x[:, 0] for x in blocks))
+        mixed = jax.vmap(lambda b: jax.vmap(linear.solve)(rows, b), in_axes=1, out_axes=1)(rhs)
+        return own, shared, mixed
+
+    found = [np.asarray(x) for x in run(switch, monkeypatch, batched, blocks, rhs)]
+    plain, b = [np.asarray(x) for x in blocks], np.asarray(rhs)
+    for i, k in np.ndindex(3, 4):
+        full = [dense(topology, [x[at] for x in plain]) for at in ((i, k), (0, 0), (i, 0))]
+        agree([x[i, k].ravel() for x in found], [np.linalg.solve(m, b[i, k].ravel()) for m in full], WELL)
+
+
+@pytest.mark.parametrize("switch", ["on", "off"])
+def test_a_singular_or_spoilt_matrix_ends_without_an_answer(switch, kernel, monkeypatch):
+    topology = TOPOLOGIES["four-bar"]
+    (bodies, left, right, others), rhs = matrix(topology)
+
+    def spoilt(by, rhs):
+        return answer(topology, (by * bodies, 0.0 * left, 0.0 * right, others), rhs)
+
+    x = run(switch, monkeypatch, jax.vmap(spoilt, (0, None)), jnp.array([0.0, jnp.nan, jnp.inf]), rhs)
+    assert not np.isfinite(x).any()
+
+
+def position(model, damping):
+    """Positions over 0.2 s from rest."""
+    plant = system(model.with_parameters({("v", "damping_n_m_s_per_rad"): damping}), 1e-12)
+    begin = Start(drawn_pose(model, plant), jnp.zeros((model.topology.slots, 6)))
+    return rollout(plant, begin, 1e-3, 200).pose.position
+
+
+VISCOUS = [effect("v", "viscous_friction", "all", damping_n_m_s_per_rad=1e-4)]
+
+
+def test_a_fourbar_moves_the_same_either_way(kernel, monkeypatch):
+    model = build(fourbar(VISCOUS))
+    on, off = (run(s, monkeypatch, lambda d: position(model, d), jnp.array(1e-4)) for s in ("on", "off"))
+    assert np.ptp(on, axis=0).max() > 0.01
+    np.testing.assert_allclose(on, off, rtol=0, atol=1e-12)  # m; rows are closed to 1e-12 lengths of 0.25 m
+
+
+def test_a_scissor_and_its_derivatives_move_the_same_either_way(kernel, monkeypatch):
+    model, smooth = build(scissor(2, VISCOUS)), 80  # steps before it falls flat, where rounding grows
+
+    def motion(damping):
+        moved, push = jax.linearize(lambda d: position(model, d), damping)
+        adjoint = jax.linear_transpose(push, damping)(moved.at[smooth:].set(0.0))[0]
+        return moved, push(jnp.ones(()))[:smooth], adjoint
+
+    on, off = (run(switch, monkeypatch, motion, jnp.array(1e-4)) for switch in ("on", "off"))
+    assert np.ptp(on[0], axis=0).max() > 0.01
+    np.testing.assert_allclose(on[0], off[0], rtol=0, atol=1e-12)  # m; rows are closed to 1e-12 lengths of 0.2 m
+    agree(on[1:], off[1:], 1e-8)  # rows of 1/ε = 2e10 leave this rounding in either path's derivatives
+
+
+def test_second_derivatives_are_refused_with_a_remedy(kernel, monkeypatch):
+    topology = TOPOLOGIES["chain"]
+    blocks, rhs = matrix(topology)
+    with pytest.raises(NotImplementedError, match="LINKTWIN_KERNEL=off"):
+        run("on", monkeypatch, jax.grad(lambda b: jnp.sum(answer(topology, (b, *blocks[1:]), rhs))), blocks[0])
+
+
+THREADED = """
+import os, jax, jax.numpy as jnp, numpy as np
+from backend.simulate import linear
+from tests.simulate.test_kernel import TOPOLOGIES, answer, matrix
+topology = TOPOLOGIES["three abreast"]
+blocks, rhs = matrix(topology, batch=(300,))
+together = jax.jit(jax.vmap(lambda m, b: answer(topology, m, b)))(blocks, rhs)
+alone = jax.jit(lambda m, b: answer(topology, m, b))
+print(max(float(abs(together[i] - alone([x[i] for x in blocks], rhs[i])).max()) for i in range(300)))
+"""
+
+
+def test_a_batch_spread_over_threads_gives_every_sample_its_own_answer(kernel):
+    threads = {"XLA_FLAGS": "", call.SWITCH: "on", "PYTHONPATH": str(Path(__file__).parents[2])}
+    said = subprocess.run(
+        [sys.executable, "-c", THREADED], env={**os.environ, **threads}, capture_output=True, text=True, check=True
+    )
+    assert float(said.stdout) == 0.0
+
+
+def test_the_kernel_stands_aside_where_it_was_made_from_something_else(kernel, monkeypatch):
+    assert library() is not None
+    monkeypatch.setattr(jax, "__version__", "0.0")
+    assert library() is None
+
+
+def test_building_goes_on_without_a_compiler(tmp_path):
+    said = subprocess.run(
+        [sys.executable, "-m", "backend.simulate.kernel"],
+        env={**os.environ, "CXX": str(tmp_path / "absent")},
+        capture_output=True,
+        text=True,
+    )
+    assert said.returncode == 0
+    assert "without its compiled kernel" in said.stdout
+    assert "absent" in said.stdout
