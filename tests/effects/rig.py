@@ -92,7 +92,7 @@ def motion(model: Model):
 def seen(model: Model, values: dict, sharp: bool = True):
     """Coordinates and poses of the moved mechanism, over time."""
     model = model.with_parameters(values)
-    plant = system(model, 1e-12)  # differences by 1e-6 cannot bear the default's 1e-10
+    plant = system(model, 1e-13)  # differences by 1e-6 cannot bear the default's 1e-10
     path = rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, STEPS)
     return jnp.concatenate([path.q.ravel(), path.pose.position.ravel()])
 

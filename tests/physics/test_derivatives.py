@@ -66,7 +66,7 @@ def slopes(request):
 
     def seen(x):
         # Differences cannot bear the default's 1e-10 of solver noise.
-        real = system(model.with_parameters(dict(zip(scalar, x[:count], strict=True))), 1e-12)
+        real = system(model.with_parameters(dict(zip(scalar, x[:count], strict=True))), 1e-13)
         begin = start(real, reference, motions, x[count : count + free], x[count + free :])
         path = rollout(real, begin, STEP_S, STEPS)
         return jnp.concatenate([path.q[::10].ravel(), path.pose.position[::10].ravel()])
