@@ -25,6 +25,7 @@ TURNS_ABOUT_Z = ("revolute", "cylindrical", "planar")
 COMMON = 1e-3  # rad by which the axes of a link's joints may differ and still be one direction
 POINTS = {"anchor_a_m": 0, "anchor_b_m": 1, "point_m": 0}  # parameters that are points of the effect's nth body
 LUMP = 0.75  # share of the mass's spread along the link that the halves' distance makes: a uniform bar's
+FLAT = 1e-9  # of the inertia: second moment across a plate without thickness, which rounding may turn negative
 
 
 class Cut(NamedTuple):
@@ -111,17 +112,16 @@ def _joint_axis(effect: Effect, id_: str, mechanism: Mechanism) -> np.ndarray:
 
 
 def _halves(body: Body, cut: Cut) -> list[Body]:
-    """Halves of m/2 at ±a from the centre: E = 2 E_half + m a² u uᵀ, with E the second moment of the mass about it."""
+    """Halves of m/2 at ±a from the centre: E = 2 E_half + m a² u uᵀ, with E the second moment of the mass about it.
+
+    m a² = ¾ / (uᵀ E⁻¹ u): for a bar along u that is m (L/4)², and no body asks for an impossible half.
+    """
     inertial = body.moving_inertial()
     J, m, u = inertial.inertia_kg_m2.matrix(), inertial.mass_kg, cut.along
-    spread = 0.5 * np.trace(J) * np.eye(3) - J
-    a = np.sqrt(max(LUMP * float(u @ spread @ u) / m, 0.0))
+    spread, axes = np.linalg.eigh(0.5 * np.trace(J) * np.eye(3) - J)
+    spread = np.maximum(spread, FLAT * np.trace(J))
+    a = np.sqrt(LUMP / (m * np.sum((u @ axes) ** 2 / spread)))
     half = 0.5 * (J - m * a**2 * (np.eye(3) - np.outer(u, u)))
-    if (half_spread := np.linalg.eigvalsh(0.5 * np.trace(half) * np.eye(3) - half))[0] < -1e-9 * half_spread[-1]:
-        raise ValueError(
-            f"body '{body.id}' cannot be cut in two: halves {2e3 * a:.4g} mm apart along the line of its joints would "
-            "have an impossible inertia, for its mass is spread along another direction; draw it as two bodies instead"
-        )
     names = "xx", "yy", "zz", "xy", "xz", "yz"
     inertia = Inertia(**{n: float(half["xyz".index(n[0]), "xyz".index(n[1])]) for n in names})
 
