@@ -12,7 +12,7 @@ class LinkFlexibility(AbstractSection):
     kind = "link_flexibility"
     acts_on = "body"
     stiffness_n_m_per_rad: Float[Array, ""] = parameter(
-        "N m/rad", "bending torque per angle; the default is rigid", default=1e9, lower=0.0
+        "N m/rad", "bending torque per angle; the default is rigid", default=1e9, lower=0.0, typical=100.0
     )
     damping_n_m_s_per_rad: Float[Array, ""] = parameter("N m s/rad", "bending torque per rate", lower=0.0)
     axis: Float[Array, "3"] = parameter(

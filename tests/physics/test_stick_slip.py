@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from backend.mechanism.drawing_error import DrawingError
@@ -66,19 +67,41 @@ def pulled(speed, step_s):
     return motion.path
 
 
-def test_a_block_pulled_through_a_spring_sticks_and_slips_as_two_levels_of_friction_say():
-    # v_s → 0: it slips where the spring has wound to F_s, and is caught when it has lost 2 (F_s - F_c).
-    slip_s = 2 / RATE * (np.pi - np.arctan(FALL * RATE / (SPRING * PULL)))
-    period_s = 2 * FALL / (SPRING * PULL) + slip_s
-    path = pulled(1e-4, STEP_S)
+def period(speed):
+    """Of stick and slip by an integrator of its own, from F_s: slip until the block rests, wind up again [s]."""
+
+    def slip(t, y):
+        force = STATIC + SPRING * (PULL * t - y[0])
+        return [y[1], (force - SLIDING - FALL * np.exp(-((y[1] / speed) ** 2))) / MASS]
+
+    def caught(t, y):
+        return y[1] if t > 1e-2 else 1.0
+
+    caught.terminal, caught.direction = True, -1
+    found = solve_ivp(slip, (0, 2), [0, 0], events=caught, rtol=1e-10, atol=1e-13, max_step=1e-3)
+    return found.y[0, -1] / PULL  # the block has come as far as the sledge
+
+
+def test_a_block_pulled_through_a_spring_sticks_and_slips_at_its_period():
+    path = pulled(1e-2, STEP_S)
     stuck = path.rate[:, 0] < 0.2 * PULL
     begins = path.time_s[1:][stuck[:-1] & ~stuck[1:]]
     assert len(begins) == 4
-    assert begins[0] == pytest.approx(STATIC / (SPRING * PULL), abs=0.01)
-    # The fall is felt a step late, which costs a slip the share ωh of its size.
-    np.testing.assert_allclose(np.diff(begins), period_s, rtol=2 * RATE * STEP_S)
+    np.testing.assert_allclose(np.diff(begins), period(1e-2), atol=2 * STEP_S)  # a node either side
     rests = path.q[np.searchsorted(path.time_s, begins - 0.05), 0]
-    np.testing.assert_allclose(np.diff(rests), PULL * period_s, rtol=2 * RATE * STEP_S)
+    np.testing.assert_allclose(np.diff(rests), PULL * period(1e-2), rtol=1e-3)
+
+
+def test_a_sudden_fall_makes_the_period_of_two_levels_of_friction():
+    # v_s → 0: it slips where the spring has wound to F_s, and is caught when it has lost 2 (F_s - F_c).
+    slip_s = 2 / RATE * (np.pi - np.arctan(FALL * RATE / (SPRING * PULL)))
+    two_levels_s = 2 * FALL / (SPRING * PULL) + slip_s
+    assert period(1e-5) == pytest.approx(two_levels_s, rel=2e-3)
+    path = pulled(2e-4, STEP_S)
+    stuck = path.rate[:, 0] < 0.2 * PULL
+    begins = path.time_s[1:][stuck[:-1] & ~stuck[1:]]
+    # Creep ends the hold √(2 F_s (F_s - F_c)) ε_v / v_s early, which is 0.8% of F_s.
+    np.testing.assert_allclose(np.diff(begins), two_levels_s, rtol=1e-2)
 
 
 @cache
