@@ -104,6 +104,7 @@ def frame(
     drive = Drive(
         step_s,
         weight,
+        forces.dry_limits(system, _expected_rate(system, motion, rows.jacobian)),
         step_s * blur * system.stick_rate,
         weight * forces.joint_efforts(system, motion.q),
         motion.rate,
@@ -125,6 +126,19 @@ def frame(
         drive,
         meeting.meet(system, bodies, motion.parting, step_s, weight, blur),
     )
+
+
+def _expected_rate(system: System, motion: Motion, jacobian: Array) -> Float[Array, "joints"]:
+    """Rates of the coordinates at q_k, from the two steps before.
+
+    Solving for them instead would let a limit that falls with the rate have several answers, between which Newton's
+    method circles once the fall outweighs the inertia within a step.
+    """
+    if not system.rate_frictions:
+        return motion.rate
+    velocity = motion.velocity + 0.5 * motion.before_s * motion.acceleration
+    rates = jnp.sum(jacobian * _of_pairs(system, system.topology.joints, velocity)[:, None, :], -1)
+    return law.displacement(system, rates)
 
 
 def _reach(

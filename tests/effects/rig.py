@@ -17,9 +17,10 @@ from tests.mechanisms import bead_on_bar, effect
 from tests.motions import move, still
 
 STEP_S, STEPS = 1e-3, 250
-WITHOUT_ABSENT = (  # a driven joint follows its value; a pin in a hole without play has a micrometre of it
+WITHOUT_ABSENT = (  # a driven joint follows its value; a hole without play has a micrometre; a bend is a hinge more
     "prescribed_motion",
     "clearance",
+    "link_flexibility",
 )
 GIVEN = {  # parameters that a drawing must give
     "applied_force": {"direction": [0.6, 0.8, 0.0], "point_m": [0.02, 0.01, 0.0]},
@@ -33,6 +34,9 @@ SIZES = {  # what is large enough to see in a quarter of a second, and not so la
     "upper": 1e3,
     "drag_area_m2": 0.05,
     "friction_coefficient": 0.2,
+    "static_torque_n_m": 0.003,
+    "static_force_n": 0.05,
+    "stribeck_velocity_m_per_s": 0.3,
 }
 SHARE = 0.05  # of the natural size, for all other parameters
 
