@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from backend.model.contacts import ROUND_TIP, JointContacts
 
+TOUCHING = 4  # power of (|η| / room)² that tells a part at its wall from one in flight
 CREEP = 1e-3  # of the speed of a fall through one mechanism length: slower than this, give has no direction
 
 
@@ -48,12 +49,17 @@ class Reach(NamedTuple):
 
 
 class Face(NamedTuple):
-    """The walls' geometry at contact coordinates η: gap, outward normal, its slope, and the direction along."""
+    """The walls' geometry one step ahead."""
 
     gap: Float[Array, "walls"]
+    outward: Float[Array, "walls 2"]
+    """Minus the gap's slope."""
     normal: Float[Array, "walls 2"]
+    """Direction of the normal push, outward: where the part touches at q_k; where it will arrive if it is on its way."""
     bend: Float[Array, "walls 2 2"]
+    """Slope of `normal` in η."""
     along: Float[Array, "walls 2"]
+    """Direction of friction."""
 
 
 class Slope(NamedTuple):
@@ -73,18 +79,35 @@ class Slope(NamedTuple):
     """s + γ c."""
 
 
-def face(contacts: JointContacts, room: Float[Array, "walls"], eta: Float[Array, "walls 3"]) -> Face:
-    """Gap and directions at η; the gap of a circle is zero exactly where |η₁₂| = room."""
-    d = eta[:, :2]
-    tip = ROUND_TIP * room
-    length = jnp.sqrt(jnp.sum(d * d, -1) + jnp.where(contacts.is_round, tip * tip, 1.0))
-    is_round = contacts.is_round[:, None]
-    normal = jnp.where(is_round, d / length[:, None], contacts.normal)
-    bend = (jnp.eye(2) - normal[:, :, None] * normal[:, None, :]) / length[:, None, None]
+def face(
+    contacts: JointContacts, room: Float[Array, "walls"], eta: Float[Array, "walls 3"], here: Float[Array, "walls 3"]
+) -> Face:
+    """Gap at η and directions of the forces between `here` and η; a circle's gap is zero exactly where |η₁₂| = room.
+
+    A push along the normal at q_k keeps a sliding contact second order in time, as SHAKE does; along the normal ahead it
+    would brake it.  A part that is still in flight at q_k tells nothing of where it will touch.
+    """
+    d, tip = eta[:, :2], ROUND_TIP * room
+    outward, length = _radial(contacts, d, tip)
+    near = jnp.clip(jnp.sum(here[:, :2] ** 2, -1) / room**2, 0.0, 1.0) ** TOUCHING
+    near = jnp.where(contacts.is_round, near, 0.0)[:, None]
+    normal, size = _radial(contacts, near * here[:, :2] + (1.0 - near) * d, tip)
+    bend = (jnp.eye(2) - normal[:, :, None] * normal[:, None, :]) * ((1.0 - near) / size[:, None])[:, :, None]
     flat_gap = room - jnp.sum(normal * d, -1)
     gap = jnp.where(contacts.is_round, room * jnp.sqrt(1.0 + ROUND_TIP**2) - length, flat_gap)
-    along = jnp.stack([-normal[:, 1], normal[:, 0]], -1)
-    return Face(gap, normal, jnp.where(is_round[:, :, None], bend, 0.0), along)
+    bend = jnp.where(contacts.is_round[:, None, None], bend, 0.0)
+    return Face(gap, outward, normal, bend, jnp.stack([-normal[:, 1], normal[:, 0]], -1))
+
+
+def _radial(contacts: JointContacts, d: Float[Array, "walls 2"], tip: Array) -> tuple[Array, Array]:
+    """Direction of d, or a flat wall's own, and the length it was divided by."""
+    length = jnp.sqrt(jnp.sum(d * d, -1) + jnp.where(contacts.is_round, tip * tip, 1.0))
+    return jnp.where(contacts.is_round[:, None], d / length[:, None], contacts.normal), length
+
+
+def gap(contacts: JointContacts, room: Float[Array, "walls"], eta: Float[Array, "walls 3"]) -> Float[Array, "walls"]:
+    """Gap at η."""
+    return face(contacts, room, eta, eta).gap
 
 
 def force(contacts: JointContacts, at: Face, push: Push) -> Float[Array, "walls 3"]:
@@ -98,7 +121,7 @@ def force(contacts: JointContacts, at: Face, push: Push) -> Float[Array, "walls 
 
 def residual(contacts: JointContacts, reach: Reach, eta: Array, push: Push, barrier: Array) -> tuple[Push, Array]:
     """How far gap, complementarity and friction are from their laws, and the impulse on η."""
-    at = face(contacts, reach.room, eta)
+    at = face(contacts, reach.room, eta, reach.here)
     gap, _, give, _ = _slack(contacts, reach, at, push)
     open_by = gap + give * push.normal - push.slack
     rub = push.rub
@@ -110,11 +133,11 @@ def residual(contacts: JointContacts, reach: Reach, eta: Array, push: Push, barr
 
 def slope(contacts: JointContacts, reach: Reach, eta: Array, push: Push) -> Slope:
     """Slope of the laws at a point; friction's is the primal-dual one of Chan, Golub and Mulet (1999)."""
-    at = face(contacts, reach.room, eta)
+    at = face(contacts, reach.room, eta, reach.here)
     _, closing, give, give_slope = _slack(contacts, reach, at, push)
     gamma, s = push.normal, push.slack
     weight = -1.0 / (1.0 + contacts.restitution)
-    ahead = (weight + gamma * give_slope * closing)[:, None] * at.normal
+    ahead = (weight + gamma * give_slope * closing)[:, None] * at.outward
     ahead = jnp.concatenate([ahead, jnp.zeros_like(ahead[:, :1])], -1)
     room = s + gamma * give
     a = (gamma / room)[:, None] * ahead

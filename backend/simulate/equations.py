@@ -129,7 +129,7 @@ def _reach(
     here = law.at_walls(system, jnp.where(system.coordinate_rows, 0.0, rows))
     travelled = contacts.normal[:, 0] * motion.q[contacts.at]
     room = jnp.where(np.array(contacts.travels, dtype=bool), contacts.room - travelled, contacts.room)
-    back = contact.face(contacts, room, here).gap - step * motion.opening
+    back = contact.gap(contacts, room, here) - step * motion.opening
     scale = system.scale
     fall = jnp.sqrt(scale.gravity_m_per_s2 * scale.length_m)
     stick = step * blur * STICK_RATE * scale.length_m * jnp.ones(contacts.count)

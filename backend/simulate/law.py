@@ -195,5 +195,5 @@ def _no_walls(impulses: Impulses) -> contact.Slope:
     none = impulses.walls.normal
     two, three = jnp.zeros((0, 2)), jnp.zeros((0, 3))
     square = jnp.zeros((0, 2, 2))
-    face = contact.Face(none, two, square, two)
+    face = contact.Face(none, two, two, square, two)
     return contact.Slope(face, jnp.zeros((0, 3, 3)), three, three, three, none, none, none)

@@ -71,7 +71,7 @@ def _opening(system: System, value: Array, rates: Array) -> Array:
     """Rate of the walls' gaps when the joints' rows change at these rates."""
     contacts = system.contacts
     here = law.at_walls(system, jnp.where(system.coordinate_rows, 0.0, value))
-    normal = contact.face(contacts, contacts.room, here).normal
+    normal = contact.face(contacts, contacts.room, here, here).outward
     return -jnp.sum(normal * law.at_walls(system, rates)[:, :2], -1)
 
 

@@ -142,7 +142,7 @@ def step(
 def _opening(system: System, at: Frame, there: Float[Array, "joints 6"]) -> Float[Array, "walls"]:
     """Rate of the gaps at the walls."""
     reach = at.drive.reach
-    gaps = [contact.face(system.contacts, reach.room, eta).gap for eta in (law.at_walls(system, there), reach.here)]
+    gaps = [contact.gap(system.contacts, reach.room, eta) for eta in (law.at_walls(system, there), reach.here)]
     return (gaps[0] - gaps[1]) / at.step_s
 
 
@@ -158,7 +158,7 @@ def _opened(system: System, at: Frame, guess: Unknowns, warmth: float) -> Unknow
     if not system.contacts.count:
         return guess
     reach, walls = at.drive.reach, guess.impulses.walls
-    gap = contact.face(system.contacts, reach.room, reach.here).gap
+    gap = contact.gap(system.contacts, reach.room, reach.here)
     gap = 2 * gap - reach.back
     barrier = _barrier(system, at)
     ends = np.array(system.contacts.travels, dtype=bool)
