@@ -138,6 +138,34 @@ class AbstractStrut(AbstractEffect):
         """Energy stored [J]."""
 
 
+class Capsule(eqx.Module):
+    """A rod with round ends, in body axes, from the body's origin."""
+
+    start: Float[Array, "3"]
+    end: Float[Array, "3"]
+    radius: Scalar
+
+
+class AbstractLinkContact(AbstractEffect):
+    """Two bodies that cannot pass through each other."""
+
+    @abstractmethod
+    def capsules(self) -> tuple[Capsule, Capsule]:
+        """What of the first and of the second body touches."""
+
+    @abstractmethod
+    def wall(self) -> Wall:
+        """How they answer each other."""
+
+
+class AbstractBedFriction(AbstractEffect):
+    """A body that slides on the bed under its own weight."""
+
+    @abstractmethod
+    def coefficient(self) -> Scalar:
+        """Friction force over the force on the bed [1]."""
+
+
 class AbstractDrawnError(AbstractEffect):
     """A difference between the part and its drawing."""
 

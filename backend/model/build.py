@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from backend.effects.catalogue import effect_of_kind
 from backend.effects.effect import AbstractEffect, Declaration
-from backend.effects.shapes import AbstractStrut
+from backend.effects.shapes import AbstractLinkContact, AbstractStrut
 from backend.joints.catalogue import catalogue, joint_of_type
 from backend.mechanism.body import Body
 from backend.mechanism.effect import Effect, ParameterValue
@@ -42,6 +42,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
         fixed,
         [(j.id, j.type, j.body_a, j.body_b) for j in mechanism.joints],
         [_pair(e, fixed) for e in sorted(struts, key=lambda e: e.kind)],
+        [_pair(e, fixed) for e in drawn if issubclass(effect_of_kind(e.kind), AbstractLinkContact)],
     )
     bodies = [mechanism.body(id_) if id_ else None for id_ in topology.body_ids + topology.fixed_ids]
     drawing = _drawing(mechanism, bodies)
@@ -122,6 +123,8 @@ def _with_drawn_values(member: Effect, mechanism: Mechanism) -> list[Effect]:
     missing = {n: d.drawn for n, d in effect.declarations().items() if d.drawn and n not in member.parameters}
     if not missing:
         return [member]
+    if effect.acts_on == "bodies":
+        return [_with_capsules(member, missing, mechanism)]
     joints = _joints_of(member, effect, mechanism)
     single = len(joints) == 1
     made = []
@@ -138,6 +141,26 @@ def _with_drawn_values(member: Effect, mechanism: Mechanism) -> list[Effect]:
         id_of_one = member.id if single else f"{member.id}@{id_}"
         made.append(member.model_copy(update={"id": id_of_one, "on": (id_,), "parameters": values}))
     return made
+
+
+def _with_capsules(member: Effect, missing: Iterable[str], mechanism: Mechanism) -> Effect:
+    """A contact between links whose capsules reach from the first to the last joint of each body."""
+    values, fixed = dict(member.parameters), [b.id for b in mechanism.bodies if b.fixed]
+    points = _points(mechanism)
+    for letter, body in zip("ab", _pair(member, fixed), strict=True):
+        ends = points[body]
+        along = _length_axis(ends)
+        places = sorted((p for p, _ in ends), key=lambda p: float(p @ along))
+        for name, place in ((f"start_{letter}_m", 0), (f"end_{letter}_m", -1)):
+            if name not in missing:
+                continue
+            if len(places) < 2:
+                raise ValueError(
+                    f"effect '{member.id}': body '{body}' has fewer than two joints, so its capsule is unknown; "
+                    f"give start_{letter}_m and end_{letter}_m"
+                )
+            values[name] = tuple(map(float, places[place]))
+    return member.model_copy(update={"parameters": values})
 
 
 def _place(

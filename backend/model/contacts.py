@@ -87,7 +87,7 @@ def joint_contacts(
         for place, joint in enumerate(placed.at()):
             if joint in loose:
                 raise ValueError("two clearances act at one joint; keep one of them")
-            loose[joint] = (X, Y, TILT_X, TILT_Y) if placed.effect.rings == 2 else (X, Y)
+            loose[joint] = (X, Y, TILT_X, TILT_Y) if _one(placed, place).rings == 2 else (X, Y)
             walls += _hole(_one(placed, place), joint, pin_radius[joint])
     ends: dict[int, list[AbstractJointStop]] = {}
     for placed in stops:

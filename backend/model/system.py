@@ -24,7 +24,9 @@ from backend.effects.shapes import (
     AbstractJointMotion,
     AbstractJointStop,
     AbstractStrut,
+    Capsule,
 )
+from backend.frames import quaternion
 from backend.joints.catalogue import joint_of_type
 from backend.joints.joint import TURN
 from backend.model.contacts import JointContacts, joint_contacts
@@ -33,6 +35,7 @@ from backend.model.model import Model
 from backend.model.placed import Placed
 from backend.model.scale import Scale
 from backend.model.topology import Topology
+from backend.model.touches import Pads, Touches, bed_friction, pads, touches, touching_kinds
 
 COMPLIANCE = 5e-11  # of a joint row, times the mass it holds [1]: 1e-14 brings self-stress, 1e-7 gives way
 STICK_RATE = 5e-6  # below this rate [rad/s, or mechanism lengths/s] dry friction holds: 0.2 m creep under 1 µm/s
@@ -49,6 +52,10 @@ class System(eqx.Module):
     """Rows of each joint that its kind holds."""
     coordinate: tuple[int | None, ...] = eqx.field(static=True)
     """The row of each joint that is its coordinate."""
+    touches: Touches
+    """Links that may meet."""
+    pads: Pads
+    """Bodies on the bed."""
     contacts: JointContacts
     """Walls inside joints: loose holes and ends of travel."""
     load_dependent: bool = eqx.field(static=True)
@@ -151,6 +158,10 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         scale=scale,
         held=tuple(t.held for t in types),
         coordinate=tuple(coordinate),
+        touches=touches(touching_kinds(list(model.effects))),
+        pads=pads(
+            bed_friction(list(model.effects)), drawing, model.view_axis, quaternion.rotation(model.drawn_poses[:, 3:])
+        ),
         contacts=joint_contacts(
             model.of(AbstractJointClearance), model.of(AbstractJointStop), coordinate, driven, drawing.pin_radius
         ),
@@ -187,9 +198,10 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
     )
     pairs = made.pairs
     ends = np.array(topology.struts, dtype=int).reshape(-1, 2)
+    met = np.array(topology.touches, dtype=int).reshape(-1, 2)
     point_a, point_b = made.point(pairs[:, 0], drawing.point_a), made.point(pairs[:, 1], drawing.point_b)
     return eqx.tree_at(
-        lambda s: (s.point_a, s.point_b, s.compliance, s.strut_a, s.strut_b),
+        lambda s: (s.point_a, s.point_b, s.compliance, s.strut_a, s.strut_b, s.touches.first, s.touches.second),
         made,
         (
             point_a,
@@ -197,8 +209,13 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
             _compliance(made, pairs, point_a, point_b),
             made.point(ends[:, 0], _joined([a for a, _ in anchors], (0, 3))),
             made.point(ends[:, 1], _joined([b for _, b in anchors], (0, 3))),
+            *(_from_center(made, met[:, side], c) for side, c in enumerate((made.touches.first, made.touches.second))),
         ),
     )
+
+
+def _from_center(made: System, body: np.ndarray, capsule: Capsule) -> Capsule:
+    return Capsule(made.point(body, capsule.start), made.point(body, capsule.end), capsule.radius)
 
 
 def redraw(model: Model) -> Drawing:

@@ -27,6 +27,7 @@ class Topology:
     joint_types: tuple[str, ...]
     joints: tuple[tuple[int, int], ...]
     struts: tuple[tuple[int, int], ...]
+    touches: tuple[tuple[int, int], ...]
 
     @property
     def slots(self) -> int:
@@ -39,8 +40,8 @@ class Topology:
 
     @cached_property
     def links(self) -> np.ndarray:
-        """(links, 2) slots: joints first, then struts."""
-        return np.array(self.joints + self.struts, dtype=int).reshape(-1, 2)
+        """(links, 2) slots: joints first, then struts, then links that may touch."""
+        return np.array(self.joints + self.struts + self.touches, dtype=int).reshape(-1, 2)
 
     @cached_property
     def joint_sides(self) -> np.ndarray:
@@ -122,9 +123,11 @@ def lay_out(
     fixed: list[str],
     joints: list[tuple[str, str, str, str]],
     struts: list[tuple[str, str]],
+    touches: list[tuple[str, str]] | None = None,
 ) -> Topology:
-    """Lay bodies out by level.  joints: (id, type, body_a, body_b); struts: (body_a, body_b)."""
-    level = breadth_first(moving, fixed, [(a, b) for _, _, a, b in joints] + struts)
+    """Lay bodies out by level.  joints: (id, type, body_a, body_b); struts, touches: (body_a, body_b)."""
+    touches = touches or []
+    level = breadth_first(moving, fixed, [(a, b) for _, _, a, b in joints] + struts + touches)
     members: list[list[str]] = [[] for _ in range(max(level.values(), default=-1) + 1)]
     for body in moving:
         members[level[body]].append(body)
@@ -140,4 +143,5 @@ def lay_out(
         joint_types=tuple(j[1] for j in joints),
         joints=tuple((slot[a], slot[b]) for _, _, a, b in joints),
         struts=tuple((slot[a], slot[b]) for a, b in struts),
+        touches=tuple((slot[a], slot[b]) for a, b in touches),
     )

@@ -142,7 +142,7 @@ def _cancel(system: System, here: Array, there: Array, residual: Correction) -> 
     """Solve M δξ - hereᵀ δμ = -r₁, there δξ + ε δμ = -r₂ over the body graph."""
     weight = jnp.where(system.held_rows, 1.0 / system.compliance, 0.0)
     offset = -jnp.where(system.held_rows, weight, 1.0) * residual.push
-    others = jnp.zeros((len(system.topology.struts), 12, 12))
+    others = jnp.zeros((len(system.topology.struts) + len(system.topology.touches), 12, 12))
     mass = system.mass[:, None, None] * jnp.eye(3)
     zero = jnp.zeros_like(mass)
     top, bottom = jnp.concatenate([mass, zero], -1), jnp.concatenate([zero, system.inertia], -1)

@@ -55,7 +55,7 @@ class Face(NamedTuple):
     outward: Float[Array, "walls 2"]
     """Minus the gap's slope."""
     normal: Float[Array, "walls 2"]
-    """Direction of the normal push, outward: where the part touches at q_k; where it will arrive if it is on its way."""
+    """Direction of the normal push, outward: where the part touches at q_k, or where it will arrive from flight."""
     bend: Float[Array, "walls 2 2"]
     """Slope of `normal` in η."""
     along: Float[Array, "walls 2"]
@@ -84,8 +84,8 @@ def face(
 ) -> Face:
     """Gap at η and directions of the forces between `here` and η; a circle's gap is zero exactly where |η₁₂| = room.
 
-    A push along the normal at q_k keeps a sliding contact second order in time, as SHAKE does; along the normal ahead it
-    would brake it.  A part that is still in flight at q_k tells nothing of where it will touch.
+    A push along the normal at q_k keeps a sliding contact second order in time, as SHAKE does; along the normal ahead
+    it would brake it.  A part that is still in flight at q_k tells nothing of where it will touch.
     """
     d, tip = eta[:, :2], ROUND_TIP * room
     outward, length = _radial(contacts, d, tip)

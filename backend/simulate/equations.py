@@ -16,7 +16,7 @@ from backend.frames.quaternion import tangent_map
 from backend.joints.joint import TURN
 from backend.model.state import Pose
 from backend.model.system import STICK_RATE, System
-from backend.simulate import contact, forces, kinematics, law, linear
+from backend.simulate import contact, forces, kinematics, law, linear, meeting
 from backend.simulate.contact import Reach
 from backend.simulate.law import Drive, Impulses
 from backend.simulate.momentum import BodyRows, momentum, momentum_slope
@@ -42,6 +42,8 @@ class Motion(eqx.Module):
     """Rate of the struts in the step before."""
     opening: Float[Array, "walls"]
     """Rate of the gaps at the walls in the step before."""
+    parting: Float[Array, "places"]
+    """Rate of the gaps between links in the step before."""
     impulses: Impulses
 
 
@@ -71,6 +73,8 @@ class Frame(NamedTuple):
     lengthening: Float[Array, "struts"]
     """Rate of the struts in the step before."""
     drive: Drive
+    meeting: meeting.Meeting
+    """Links that touch, and bodies on the bed."""
 
 
 class Linearised(NamedTuple):
@@ -80,6 +84,7 @@ class Linearised(NamedTuple):
     here: Float[Array, "joints 6 12"]
     there: Float[Array, "joints 6 12"]
     slope: law.Slope
+    touch: meeting.Slope
     impulses: Impulses
     turn: Float[Array, "slots 3 3"]
 
@@ -118,6 +123,7 @@ def frame(
         motion.velocity,
         motion.lengthening,
         drive,
+        meeting.meet(system, bodies, motion.parting, step_s, weight, blur),
     )
 
 
@@ -149,7 +155,11 @@ def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> 
         pull = -0.5 * at.weight_s * system.strut_damping * (rate + at.lengthening)
         table = system.topology.strut_sides
         balance = balance - forces.collect(table, pull[:, None] * at.strut_slope)
-    return Unknowns(balance, law.residual(system, at.drive, rows.value, impulses, barrier)), rows
+    asked = law.residual(system, at.drive, rows.value, impulses, barrier)
+    if system.touches.count or system.pads.count:
+        asked, pushed = meeting.residual(system, at.meeting, xi, asked, barrier)
+        balance = balance - pushed
+    return Unknowns(balance, asked), rows
 
 
 def ahead(system: System, at: Frame, xi: BodyRows) -> kinematics.Rows:
@@ -181,18 +191,23 @@ def linearise(system: System, at: Frame, unknowns: Unknowns, rows: kinematics.Ro
     share = 0.5 * at.weight_s / at.step_s
     strut = share * system.strut_damping[:, None] * _strut_there(system, at.strut_slope, turn)
     others = at.strut_slope[:, :, None] * strut[:, None, :]
+    touch = meeting.slope(system, at.meeting, xi, impulses, turn)
+    own = own + touch.on_bodies
+    others = jnp.concatenate([others, touch.between])
     factor = linear.factor(system.topology, own, at.jacobian, answer, others)
-    return Linearised(factor, at.jacobian, there, slope, impulses, turn)
+    return Linearised(factor, at.jacobian, there, slope, touch, impulses, turn)
 
 
 def direction(system: System, at: Linearised, residual: Unknowns) -> Unknowns:
     """The change of the unknowns that cancels a residual; linear in the residual."""
     offset, walls = law.offset(system, at.slope, at.impulses, residual.impulses)
-    moved = linear.solve(at.factor, _on_bodies(system, at.here, offset) - residual.xi)
+    change, pushed = meeting.offset(system, at.touch, at.impulses, residual.impulses)
+    moved = linear.solve(at.factor, _on_bodies(system, at.here, offset) + pushed - residual.xi)
     dy = jnp.sum(at.there * _of_pairs(system, system.topology.joints, moved)[:, None, :], -1)
     xi = jnp.concatenate([moved[:, :3], apply(at.turn, moved[:, 3:])], -1)
     rows = offset - law.react(system, at.slope, dy)
-    return Unknowns(xi, Impulses(rows, law.walls_respond(system, at.slope, walls, dy)))
+    touches, pads = meeting.respond(system, at.touch, change, moved)
+    return Unknowns(xi, Impulses(rows, law.walls_respond(system, at.slope, walls, dy), touches, pads))
 
 
 def _mean_velocity(at: Frame, xi: BodyRows) -> BodyRows:

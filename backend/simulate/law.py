@@ -24,6 +24,10 @@ class Impulses(NamedTuple):
 
     rows: Float[Array, "joints 6"]
     walls: Push
+    touches: Push
+    """Of links that meet, at each of their places."""
+    pads: Float[Array, "pads 2"]
+    """Friction of bodies on the bed, in its plane [N s]."""
 
 
 class Drive(NamedTuple):
@@ -82,7 +86,7 @@ def residual(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses
     if system.contacts.count:
         walls, pushed = contact.residual(system.contacts, drive.reach, at_walls(system, y), walls, barrier)
         asked = asked + _on_rows(system, pushed)
-    return Impulses(jnp.where(held(system), give, impulses.rows - asked), walls)
+    return impulses._replace(rows=jnp.where(held(system), give, impulses.rows - asked), walls=walls)
 
 
 def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: Impulses) -> Slope:
@@ -96,7 +100,6 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
     limit, rounded = _dry_limit(system, drive, moved, impulses.rows)
     dry = jnp.sum(jnp.where(free(system), impulses.rows, 0.0), -1) - _smooth(system, drive, moved)
     walls = _no_walls(impulses)
-    full = None
     if contacts.count:
         walls = contact.slope(contacts, drive.reach, at_walls(system, y), impulses.walls)
         pushed = _on_rows(system, contact.force(contacts, walls.face, impulses.walls))
@@ -106,8 +109,9 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
     own = own + 0.25 * drive.weight_s * system.stiffness + (limit + dry * moved / rounded) / rounded
     diagonal = jnp.where(held(system), 1.0 / system.compliance, jnp.where(free(system), own[:, None], 0.0))
     friction = jnp.zeros((moved.shape[0], 2))
-    if contacts.count or system.load_dependent:
-        full = diagonal[:, :, None] * jnp.eye(6)
+    if not contacts.count and not system.load_dependent:
+        return Slope(diagonal, None, friction, walls)
+    full = diagonal[:, :, None] * jnp.eye(6)
     if contacts.count:
         selection = contacts.selection
         rows = jnp.einsum("cri,crs->cis", selection, walls.stiffness)

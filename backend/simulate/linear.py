@@ -36,7 +36,11 @@ def factor(
     """
     levels, width, n = topology.levels, topology.width, 6 * topology.width
     if topology.slots and kernel.available():
-        return Factor(*kernel.factor(levels, width, topology.joints + topology.struts, bodies, left, right, others))
+        return Factor(
+            *kernel.factor(
+                levels, width, topology.joints + topology.struts + topology.touches, bodies, left, right, others
+            )
+        )
     links = jnp.concatenate([jnp.einsum("jri,jrk->jik", left, right), others])
     blocks = links.reshape(-1, 2, 6, 2, 6).transpose(0, 1, 3, 2, 4).reshape(-1, 6, 6)
     blocks = jnp.concatenate([blocks, jnp.zeros((1, 6, 6))])

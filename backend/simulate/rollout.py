@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.state import Pose, Start
 from backend.model.system import System
-from backend.simulate import contact, forces, kinematics, law
+from backend.simulate import contact, forces, kinematics, law, meeting, touch
 from backend.simulate.contact import Push
 from backend.simulate.equations import Motion, lengthening
 from backend.simulate.law import Impulses
@@ -51,7 +51,7 @@ def depart(system: System, start: Start) -> Motion:
     bodies = kinematics.bodies(system, start.pose)
     rows = kinematics.rows(system, bodies)
     _, strut_slope = forces.strut_lines(system, bodies)
-    joints, walls = len(system.coordinate), system.contacts.count
+    joints, walls, places = len(system.coordinate), system.contacts.count, touch.PLACES * system.touches.count
     rates = all_rates(system, rows.jacobian, start.velocity)
     return Motion(
         pose=start.pose,
@@ -63,8 +63,15 @@ def depart(system: System, start: Start) -> Motion:
         rate=law.displacement(system, rates),
         lengthening=lengthening(system, strut_slope, start.velocity),
         opening=_opening(system, rows.value, rates),
-        impulses=Impulses(jnp.zeros((joints, 6)), Push(jnp.zeros(walls), jnp.ones(walls), jnp.zeros(walls))),
+        parting=meeting.partings(
+            system, meeting.meet(system, bodies, jnp.zeros(places), 0.0, jnp.zeros(()), 1.0), start.velocity
+        ),
+        impulses=Impulses(jnp.zeros((joints, 6)), _idle(walls), _idle(places), jnp.zeros((system.pads.count, 2))),
     )
+
+
+def _idle(count: int) -> Push:
+    return Push(jnp.zeros(count), jnp.ones(count), jnp.zeros(count))
 
 
 def _opening(system: System, value: Array, rates: Array) -> Array:

@@ -10,7 +10,7 @@ from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.system import System
-from backend.simulate import contact, kinematics, law
+from backend.simulate import contact, kinematics, law, meeting
 from backend.simulate.contact import Push
 from backend.simulate.equations import (
     Frame,
@@ -23,6 +23,7 @@ from backend.simulate.equations import (
     lengthening,
     linearise,
 )
+from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows, momentum
 
 MAX_ITERATIONS = 45
@@ -52,7 +53,7 @@ def close(system: System, at: Frame, guess: Unknowns) -> Solved:
 def _newton(system: System, at: Frame, guess: Unknowns) -> tuple[Solved, kinematics.Rows]:
     """The solution, and the joints' rows there."""
     barrier = _barrier(system, at)
-    interior = bool(system.contacts.count)
+    interior = bool(system.contacts.count or system.touches.count)
     cold = _opened(system, at, guess, jnp.inf) if interior else guess
 
     def unfinished(carry: tuple) -> Bool[Array, ""]:
@@ -62,13 +63,9 @@ def _newton(system: System, at: Frame, guess: Unknowns) -> tuple[Solved, kinemat
     def iterate(carry: tuple) -> tuple:
         unknowns, residual, rows, iterations, _, fraction = carry
         if interior:
-            walls = unknowns.impulses.walls
-            product = walls.normal * walls.slack
-            aim = jnp.maximum(barrier, _centring(fraction) * jnp.mean(product))
-            centred = residual.impulses.walls._replace(slack=product - aim)
-            residual = residual._replace(impulses=residual.impulses._replace(walls=centred))
+            residual = residual._replace(impulses=_centred(unknowns.impulses, residual.impulses, fraction, barrier))
         change = direction(system, linearise(system, at, unknowns, rows), residual)
-        fraction = _fraction(unknowns.impulses.walls, change.impulses.walls) if interior else fraction
+        fraction = _fraction(unknowns.impulses, change.impulses) if interior else fraction
         unknowns = jax.tree.map(lambda z, dz: z + fraction * dz, unknowns, change)
         unknowns = unknowns._replace(xi=_shortened(unknowns.xi))
         if interior:
@@ -134,6 +131,7 @@ def step(
         rate=law.displacement(system, there) / step_s,
         lengthening=lengthening(system, at.strut_slope, xi) / step_s,
         opening=_opening(system, at, there),
+        parting=meeting.partings(system, at.meeting, velocity),
         impulses=jax.tree.map(lax.stop_gradient, impulses),
     )
     return after, solved
@@ -155,19 +153,25 @@ def _guess(system: System, at: Frame, motion: Motion) -> Unknowns:
 
 def _opened(system: System, at: Frame, guess: Unknowns, warmth: float) -> Unknowns:
     """Walls as far open as the motion would leave them, or a little; at most `warmth` times the barrier off."""
-    if not system.contacts.count:
-        return guess
-    reach, walls = at.drive.reach, guess.impulses.walls
-    gap = contact.gap(system.contacts, reach.room, reach.here)
-    gap = 2 * gap - reach.back
-    barrier = _barrier(system, at)
-    ends = np.array(system.contacts.travels, dtype=bool)
-    least = jnp.where(ends, OPEN_STOP, OPEN_HOLE * reach.room)
-    if warmth < np.inf:
-        least = jnp.minimum(least, warmth * barrier / jnp.maximum(walls.normal, 1e-300))
-    slack = jnp.maximum(gap, least)
-    walls = Push(jnp.maximum(walls.normal, barrier / slack), slack, walls.rub)
-    return guess._replace(impulses=guess.impulses._replace(walls=walls))
+    barrier, impulses = _barrier(system, at), guess.impulses
+
+    def opened(gap: Array, back: Array, least: Array, push: Push) -> Push:
+        if warmth < np.inf:
+            least = jnp.minimum(least, warmth * barrier / jnp.maximum(push.normal, 1e-300))
+        slack = jnp.maximum(2 * gap - back, least)
+        return Push(jnp.maximum(push.normal, barrier / slack), slack, push.rub)
+
+    if system.contacts.count:
+        reach = at.drive.reach
+        gap = contact.gap(system.contacts, reach.room, reach.here)
+        ends = np.array(system.contacts.travels, dtype=bool)
+        least = jnp.where(ends, OPEN_STOP, OPEN_HOLE * reach.room)
+        impulses = impulses._replace(walls=opened(gap, reach.back, least, impulses.walls))
+    if system.touches.count:
+        reach = at.meeting.reach
+        least = OPEN_STOP * system.scale.length_m * jnp.ones_like(reach.room)
+        impulses = impulses._replace(touches=opened(reach.room, reach.back, least, impulses.touches))
+    return guess._replace(impulses=impulses)
 
 
 def _barrier(system: System, at: Frame) -> Array:
@@ -186,13 +190,13 @@ def _size(system: System, at: Frame, residual: Unknowns, barrier: Array) -> Floa
     held = law.held(system)
     rows = jnp.abs(residual.impulses.rows) * jnp.where(held, row_scale, impulse)
     parts = [linear_part, turning, rows]
-    if system.contacts.count:
-        walls = residual.impulses.walls
+    for push in (residual.impulses.walls, residual.impulses.touches):
         parts += [
-            jnp.abs(walls.normal) / length,
-            system.tolerance * jnp.abs(walls.slack) / (1e-3 * barrier),
-            jnp.abs(walls.rub) * impulse * length,
+            jnp.abs(push.normal) / length,
+            system.tolerance * jnp.abs(push.slack) / (1e-3 * barrier),
+            jnp.abs(push.rub) * impulse * length,
         ]
+    parts.append(jnp.abs(residual.impulses.pads) * impulse * length)
     return jnp.max(jnp.stack([jnp.max(part, initial=0.0) for part in parts]))
 
 
@@ -201,13 +205,27 @@ def _centring(fraction: Array) -> Array:
     return jnp.clip(1.0 - fraction, BARRIER_FALL, 1.0)
 
 
-def _fraction(now: Push, change: Push) -> Float[Array, ""]:
+def _centred(now: Impulses, residual: Impulses, fraction: Array, barrier: Array) -> Impulses:
+    """Residuals that aim at a common product γ s on the way to the barrier, at all walls and places."""
+    products = [push.normal * push.slack for push in (now.walls, now.touches)]
+    aim = jnp.maximum(barrier, _centring(fraction) * jnp.mean(jnp.concatenate(products)))
+    walls, touches = products
+    return residual._replace(
+        walls=residual.walls._replace(slack=walls - aim), touches=residual.touches._replace(slack=touches - aim)
+    )
+
+
+def _fraction(now: Impulses, change: Impulses) -> Float[Array, ""]:
     """Largest step that keeps γ and s inside, at most a whole one."""
 
     def room(value: Array, by: Array) -> Array:
-        return jnp.min(jnp.where(by < 0, -value / jnp.where(by < 0, by, -1.0), jnp.inf))
+        return jnp.min(jnp.where(by < 0, -value / jnp.where(by < 0, by, -1.0), jnp.inf), initial=jnp.inf)
 
-    return jnp.minimum(1.0, TO_BOUNDARY * jnp.minimum(room(now.normal, change.normal), room(now.slack, change.slack)))
+    pairs = [(now.walls, change.walls), (now.touches, change.touches)]
+    rooms = [room(a, b) for one, by in pairs for a, b in ((one.normal, by.normal), (one.slack, by.slack))]
+    nearest = jnp.min(jnp.stack(rooms))
+
+    return jnp.minimum(1.0, TO_BOUNDARY * nearest)
 
 
 def _shortened(xi: BodyRows) -> BodyRows:
