@@ -30,7 +30,9 @@ def loose_ball(at=(0.0, 0.0), gravity=WEIGHTLESS, **play: Any) -> Model:
 def drawer(friction: float, arm: float, length: float, play: float, force: float) -> Model:
     """A drawer between two walls, guided at both ends, tilted as far as they allow; a force pulls at `arm` off centre."""
     block = body("drawer", (0, 0, 0), Rotation.identity(), MASS, np.full(3, 2e-4))
-    ends = [(n, "revolute", "ground", "drawer", (x, 0, 0), Z) for n, x in (("front", length / 2), ("back", -length / 2))]
+    ends = [
+        (n, "revolute", "ground", "drawer", (x, 0, 0), Z) for n, x in (("front", length / 2), ("back", -length / 2))
+    ]
     walls = effect("walls", "clearance", "all", radial_m=play, shape="rectangle", friction_coefficient=friction)
     pull = effect("pull", "applied_force", ["drawer"], force_n=force, direction=[1, 0, 0], point_m=[0, arm, 0])
     drawn = document(drawing("drawer", [block], ends, [walls, pull], gravity=WEIGHTLESS))
