@@ -10,7 +10,6 @@ from backend.model.build import build
 from backend.model.model import Model
 from tests.mechanisms import DOWN, WEIGHTLESS, Document, Z, body, document, drawing, effect, pendulum, pose
 
-
 LENGTH, MASS, G = 0.2, 0.1, 9.81
 RIGID = {"friction_coefficient": 0.0, "restitution": 0.0, "stiffness_n_per_m": 1e10}
 
@@ -28,7 +27,7 @@ def loose_ball(at=(0.0, 0.0), gravity=WEIGHTLESS, **play: Any) -> Model:
 
 
 def drawer(friction: float, arm: float, length: float, play: float, force: float) -> Model:
-    """A drawer between two walls, guided at both ends, tilted as far as they allow; a force pulls at `arm` off centre."""
+    """A drawer guided at both ends, tilted as far as its two walls allow; a force pulls at `arm` off centre."""
     block = body("drawer", (0, 0, 0), Rotation.identity(), MASS, np.full(3, 2e-4))
     ends = [
         (n, "revolute", "ground", "drawer", (x, 0, 0), Z) for n, x in (("front", length / 2), ("back", -length / 2))
