@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.effects.catalogue import effect_of_kind
-from backend.effects.effect import AbstractEffect, Declaration
-from backend.effects.shapes import AbstractLinkContact, AbstractStrut
+from backend.effects.effect import TURNING, AbstractEffect, Declaration
+from backend.effects.shapes import AbstractBedFriction, AbstractLinkContact, AbstractStrut
 from backend.joints.catalogue import catalogue, joint_of_type
 from backend.mechanism.body import Body
 from backend.mechanism.effect import Effect, ParameterValue
@@ -19,6 +19,8 @@ from backend.model.model import Model, world_axis
 from backend.model.placed import Placed
 from backend.model.scale import STANDARD_GRAVITY, Scale
 from backend.model.topology import Topology, lay_out
+
+PARALLEL = 1e-3  # sine below which joints turn about one direction
 
 
 def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
@@ -47,7 +49,11 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     bodies = [mechanism.body(id_) if id_ else None for id_ in topology.body_ids + topology.fixed_ids]
     drawing = _drawing(mechanism, bodies)
     poses = np.array([_pose(b) for b in bodies])
-    axes_W = np.array([_rotation(poses[a, 3:]) @ drawing.axes_a[i, :, 2] for i, (a, _) in enumerate(topology.joints)])
+    turning = [i for i, type_ in enumerate(topology.joint_types) if type_ in TURNING]
+    axes_W = [_rotation(poses[topology.joints[i][0], 3:]) @ drawing.axes_a[i, :, 2] for i in turning]
+    _check_bed(drawn, axes_W)
+    up = -np.array(mechanism.gravity_m_per_s2, dtype=float)
+    axes_W = axes_W or [up if up.any() else np.array([0.0, 0.0, 1.0])]
     return Model(
         topology=topology,
         drawing=drawing,
@@ -56,9 +62,19 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
         marker_points=jnp.array([m.position_m for m in mechanism.markers], dtype=float).reshape(-1, 3),
         marker_ids=tuple(m.id for m in mechanism.markers),
         marker_bodies=tuple(topology.slot(m.body) for m in mechanism.markers),
-        view_axis=world_axis(jnp.asarray(axes_W.reshape(-1, 3))),
+        view_axis=world_axis(jnp.asarray(np.array(axes_W))),
         scale=_scale(mechanism, moving),
     )
+
+
+def _check_bed(drawn: Sequence[Effect], axes_W: list[np.ndarray]) -> None:
+    """Refuse friction on a bed where no plane lies across all joints."""
+    on_bed = [e.id for e in drawn if issubclass(effect_of_kind(e.kind), AbstractBedFriction)]
+    if on_bed and any(np.linalg.norm(np.cross(axes_W[0], axis)) > PARALLEL for axis in axes_W):
+        raise ValueError(
+            f"effect '{on_bed[0]}': the joints turn about different axes, so no bed lies across all of them; "
+            "remove it, or draw the joints' axes parallel"
+        )
 
 
 def _drawing(mechanism: Mechanism, bodies: list[Body | None]) -> Drawing:
@@ -81,12 +97,18 @@ def _drawing(mechanism: Mechanism, bodies: list[Body | None]) -> Drawing:
     )
 
 
-def _points(mechanism: Mechanism) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
+def _joint_points(mechanism: Mechanism) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
     """Where joints hold each body, and along which axis, in body axes."""
     points: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {b.id: [] for b in mechanism.bodies}
     for joint in mechanism.joints:
         for body, frame in ((joint.body_a, joint.frame_a), (joint.body_b, joint.frame_b)):
             points[body].append((np.array(frame.position_m), _rotation(frame.quaternion_wxyz)[:, 2]))
+    return points
+
+
+def _points(mechanism: Mechanism) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
+    """The same, and the centre of mass of a body with a single joint."""
+    points = _joint_points(mechanism)
     for body in mechanism.bodies:
         if body.inertial and len(points[body.id]) == 1:
             points[body.id].append((np.array(body.inertial.center_of_mass_m), points[body.id][0][1]))
@@ -146,7 +168,7 @@ def _with_drawn_values(member: Effect, mechanism: Mechanism) -> list[Effect]:
 def _with_capsules(member: Effect, missing: Iterable[str], mechanism: Mechanism) -> Effect:
     """A contact between links whose capsules reach from the first to the last joint of each body."""
     values, fixed = dict(member.parameters), [b.id for b in mechanism.bodies if b.fixed]
-    points = _points(mechanism)
+    points = _joint_points(mechanism)
     for letter, body in zip("ab", _pair(member, fixed), strict=True):
         ends = points[body]
         along = _length_axis(ends)
