@@ -193,7 +193,8 @@ def test_skew_pendulums_that_hit_obey_the_law_of_impact(restitution):
     assert gap.min() > -spin * LENGTH * STEP_S * restitution - 1e-6
 
 
-SLOPES = {"radius_a_m": 1e-6, "friction_coefficient": 1e-5, "restitution": 1e-5}
+# A wider difference moves a blow into another step, where the slope is another.
+SLOPES = {"radius_a_m": 1e-8, "friction_coefficient": 1e-5, "restitution": 1e-7}
 AT = np.array([RADIUS, FRICTION, 0.5])
 
 
@@ -219,4 +220,4 @@ def test_slopes_in_radius_friction_and_restitution_agree_with_differences():
         up, down = (np.asarray(seen(model, jnp.asarray(AT + side * by * unit))[0]) for side in (1, -1))
         difference = (up - down) / (2 * by)
         assert np.linalg.norm(column) > 1e-3
-        assert np.linalg.norm(column - difference) < 1e-4 * np.linalg.norm(difference), name
+        assert np.linalg.norm(column - difference) < 1e-6 * np.linalg.norm(difference), name
