@@ -1,12 +1,13 @@
-"""A scissor with loose pins in two engines nobody here wrote: how far apart they are, and how sharp each one is.
+"""A scissor with loose pins in ours and in two engines nobody here wrote: how far apart, and how sharp each one is.
 
 python -m benchmarks.clearance_peers            every case
 python -m benchmarks.clearance_peers one        the cases with "one" in their name
 
 The 5-cell scissor opened by its spring, pins of 8 mm, 0.6 s from rest.  "Every pin" means all fifteen revolute joints:
 pins between bars, the ground pin and the slider's pin; the slider's guide stays tight.  "One pin" is top1, where cells
-1 and 2 meet.  A difference is the RMS over time of the tip's distance, over the RMS of the tip's way off the rigid
-motion.
+1 and 2 meet.  "Unguided" starts flatter (0.6 rad) and has no slider: nothing forces its two sides to agree.  A difference
+is the RMS over time of the tip's distance, over the RMS of the tip's way off the rigid motion, each over the first
+0.2, 0.3 and 0.6 s.
 """
 
 import sys
@@ -20,13 +21,17 @@ import numpy as np
 from backend.blind.exudyn_contact import Walls
 from backend.blind.exudyn_engine import simulate_exudyn
 from backend.blind.mujoco_engine import simulate_mujoco
-from backend.blind.poses import PeerMotion, rotation_matrix
+from backend.blind.poses import rotation_matrix
+from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.read import parse_mechanism
+from backend.simulate.run import simulate
 from benchmarks.scissor import LENGTH_M, scissor
 
 DURATION_S, SEEN_S = 0.6, 2e-3
-STEP_S = {"Exudyn": 4e-5, "MuJoCo": 2e-5}
+UNTIL_S = (0.2, 0.3, 0.6)
+STEP_S = {"ours": 1e-4, "Exudyn": 4e-5, "MuJoCo": 2e-5}
+GUIDED, UNGUIDED = scissor(5), scissor(5, angle_rad=0.6, guided=False)
 ONE = ["top1"]
-EVERY = [joint.id for joint in scissor(5).joints if joint.type == "revolute"]
 TIP = ("a4", np.array([0.5 * LENGTH_M, 0.0, 0.0]))
 STIFFER = 4.0
 NUDGE = 1.001  # of the play: what no drawing and no calliper tells
@@ -34,23 +39,26 @@ NUDGE = 1.001  # of the play: what no drawing and no calliper tells
 
 @dataclass(frozen=True)
 class Case:
-    """A clearance on some pins; who can run it."""
+    """A clearance on some pins (None: every one); who can run it."""
 
     name: str
-    pins: list[str]
+    pins: list[str] | None
     parameters: dict[str, Any]
-    engines: tuple[str, ...] = ("Exudyn", "MuJoCo")
+    engines: tuple[str, ...] = ("ours", "Exudyn", "MuJoCo")
     variants: tuple[str, ...] = field(default=("half step", "4x stiffness", "play + 0.1%"))
+    linkage: Mechanism = GUIDED
 
 
 CASES = (
     Case("one pin 1 mm", ONE, {"radial_m": 1e-3}),
-    Case("every pin 0.5 mm", EVERY, {"radial_m": 5e-4}),
-    Case("every pin 1 mm", EVERY, {"radial_m": 1e-3}),
+    Case("every pin 0.5 mm", None, {"radial_m": 5e-4}),
+    Case("every pin 1 mm", None, {"radial_m": 1e-3}),
+    Case("unguided, every pin 0.5 mm", None, {"radial_m": 5e-4}, linkage=UNGUIDED),
+    Case("unguided, every pin 1 mm", None, {"radial_m": 1e-3}, linkage=UNGUIDED),
     Case("one pin 1 mm, 2e5 N/m", ONE, {"radial_m": 1e-3, "stiffness_n_per_m": 2e5}),
     Case("one pin 1 mm, restitution 0.8", ONE, {"radial_m": 1e-3, "restitution": 0.8}),
     *(
-        Case(f"one pin 1 mm, friction {mu:g}", ONE, {"radial_m": 1e-3, "friction_coefficient": mu}, ("Exudyn",))
+        Case(f"one pin 1 mm, friction {mu:g}", ONE, {"radial_m": 1e-3, "friction_coefficient": mu}, ("ours", "Exudyn"))
         for mu in (0.1, 0.3)
     ),
     *(
@@ -65,42 +73,66 @@ CASES = (
 )
 
 
-def drawn(case: Case | None, stiffer: float = 1.0, wider: float = 1.0) -> dict[str, Any]:
-    """The scissor's document with the case's clearance; None: rigid."""
-    document = scissor(5).model_dump(mode="json")
-    if case:
-        given = dict(case.parameters)
-        given["radial_m"] *= wider
-        if "stiffness_n_per_m" in given:
-            given["stiffness_n_per_m"] *= stiffer
-        document["effects"].append({"id": "play", "kind": "clearance", "on": case.pins, "parameters": given})
+def drawn(case: Case, stiffer: float = 1.0, wider: float = 1.0) -> dict[str, Any]:
+    """The scissor's document with the case's clearance."""
+    document = case.linkage.model_dump(mode="json")
+    given = dict(case.parameters)
+    given["radial_m"] *= wider
+    if "stiffness_n_per_m" in given:
+        given["stiffness_n_per_m"] *= stiffer
+    every = [joint.id for joint in case.linkage.joints if joint.type == "revolute"]
+    document["effects"].append({"id": "play", "kind": "clearance", "on": case.pins or every, "parameters": given})
     return document
 
 
-def exudyn(case: Case, step_s: float, stiffer: float, wider: float) -> PeerMotion:
-    walls = Walls(rigid_stiffness=stiffer * Walls.rigid_stiffness)
-    return simulate_exudyn(drawn(case, stiffer, wider), DURATION_S, step_s, output_step_s=SEEN_S, walls=walls)
-
-
-def mujoco(case: Case, step_s: float, stiffer: float, wider: float) -> PeerMotion:
-    rate = np.sqrt(stiffer) / (6.0 * STEP_S["MuJoCo"])
-    document = drawn(case, stiffer, wider)
-    return simulate_mujoco(document, DURATION_S, step_s, output_step_s=SEEN_S, wall_rate_per_s=rate)
-
-
-ENGINES: dict[str, Callable[[Case, float, float, float], PeerMotion]] = {"Exudyn": exudyn, "MuJoCo": mujoco}
-
-
-def tip(motion: Any) -> np.ndarray:
+def tip_path(motion: Any, every: int = 1) -> np.ndarray:
     """(T, 3) in W, of anything with position_m and quaternion_wxyz by body."""
     body, p = TIP
-    return motion.position_m[body] + rotation_matrix(motion.quaternion_wxyz[body]) @ p
+    return (motion.position_m[body] + rotation_matrix(motion.quaternion_wxyz[body]) @ p)[::every]
 
 
-def tip_difference(a: Any, b: Any, rigid: Any) -> float:
-    """RMS of the tip's distance between two motions, over the RMS of b's tip off the rigid motion; same samples."""
-    apart, off = (((tip(one) - tip(other)) ** 2).sum(1).mean() for one, other in ((a, b), (b, rigid)))
+def ours(case: Case, step_s: float, stiffer: float, wider: float) -> np.ndarray:
+    """A rigid wall of ours has no stiffness to raise."""
+    run = simulate(parse_mechanism(drawn(case, stiffer, wider)), DURATION_S, step_s)
+    if not run.done:
+        raise RuntimeError(run.result)
+    return tip_path(run, round(SEEN_S / step_s))
+
+
+def exudyn(case: Case, step_s: float, stiffer: float, wider: float) -> np.ndarray:
+    walls = Walls(rigid_stiffness=stiffer * Walls.rigid_stiffness)
+    document = drawn(case, stiffer, wider)
+    return tip_path(simulate_exudyn(document, DURATION_S, step_s, output_step_s=SEEN_S, walls=walls))
+
+
+def mujoco(case: Case, step_s: float, stiffer: float, wider: float) -> np.ndarray:
+    rate = np.sqrt(stiffer) / (6.0 * STEP_S["MuJoCo"])
+    document = drawn(case, stiffer, wider)
+    return tip_path(simulate_mujoco(document, DURATION_S, step_s, output_step_s=SEEN_S, wall_rate_per_s=rate))
+
+
+ENGINES: dict[str, Callable[[Case, float, float, float], np.ndarray]] = {
+    "ours": ours,
+    "Exudyn": exudyn,
+    "MuJoCo": mujoco,
+}
+
+
+def rigid_path(linkage: Mechanism) -> np.ndarray:
+    document = linkage.model_dump(mode="json")
+    return tip_path(simulate_exudyn(document, DURATION_S, 1e-3, output_step_s=SEEN_S, extrapolated=True))
+
+
+def tip_difference(a: np.ndarray, b: np.ndarray, rigid: np.ndarray, until_s: float = DURATION_S) -> float:
+    """RMS of the distance of two tips, over the RMS of b's from the rigid motion's; same samples."""
+    seen = round(until_s / SEEN_S) + 1
+    apart, off = (((one - other)[:seen] ** 2).sum(1).mean() for one, other in ((a, b), (b, rigid)))
     return float(np.sqrt(apart / off))
+
+
+def differences(a: np.ndarray, b: np.ndarray, rigid: np.ndarray) -> str:
+    """Over each horizon."""
+    return " | ".join(f"{tip_difference(a, b, rigid, until):6.2%}" for until in UNTIL_S)
 
 
 def variants(case: Case, engine: str) -> Iterator[tuple[str, float, float, float]]:
@@ -111,37 +143,42 @@ def variants(case: Case, engine: str) -> Iterator[tuple[str, float, float, float
         "4x stiffness": (step_s, STIFFER, 1.0),
         "play + 0.1%": (step_s, 1.0, NUDGE),
     }
-    yield from ((name, *every[name]) for name in case.variants)
+    for name in case.variants:
+        if name != "4x stiffness" or engine != "ours" or "stiffness_n_per_m" in case.parameters:
+            yield (name, *every[name])
 
 
-def compare(case: Case, rigid: PeerMotion) -> None:
+def compare(case: Case, rigid: np.ndarray) -> None:
     """Print the case: the engines against each other, and each against itself."""
-    seen: dict[str, PeerMotion] = {}
+    seen: dict[str, np.ndarray] = {}
     for engine in case.engines:
         run, begin = ENGINES[engine], time.process_time()
         seen[engine] = run(case, STEP_S[engine], 1.0, 1.0)
         spent = time.process_time() - begin
-        off = 1e3 * np.sqrt(((tip(seen[engine]) - tip(rigid)) ** 2).sum(1).mean())
-        line = f"{case.name:<34} {engine:<7} tip {off:6.2f} mm off rigid ({spent:3.0f} s); itself:"
+        off = 1e3 * np.sqrt(((seen[engine] - rigid) ** 2).sum(1).mean())
+        print(f"{case.name:<34} {engine:<7} tip {off:6.2f} mm off rigid ({spent:.0f} s)", flush=True)
         for name, *settings in variants(case, engine):
             try:
-                line += f"  {name} {tip_difference(run(case, *settings), seen[engine], rigid):.2%}"
+                line = differences(run(case, *settings), seen[engine], rigid)
             except RuntimeError:
-                line += f"  {name} stops"
-        print(line, flush=True)
+                line = "stops"
+            print(f"{'':<34} {engine}, {name:<20} {line}", flush=True)
     names = list(seen)
     for i, one in enumerate(names):
         for other in names[i + 1 :]:
-            print(f"{case.name:<34} {one} - {other}  {tip_difference(seen[one], seen[other], rigid):.2%}", flush=True)
+            line = differences(seen[one], seen[other], rigid)
+            print(f"{case.name:<34} {one + ' - ' + other:<28} {line}", flush=True)
 
 
 def main(wanted: str = "") -> None:
-    rigid = simulate_exudyn(drawn(None), DURATION_S, 1e-3, output_step_s=SEEN_S, extrapolated=True)
-    travel = 1e3 * np.linalg.norm(tip(rigid) - tip(rigid)[0], axis=1).max()
-    print(f"rigid tip travels {travel:.0f} mm; steps [s] {STEP_S}")
-    for case in CASES:
-        if wanted in case.name:
-            compare(case, rigid)
+    print(f"steps [s] {STEP_S}; differences over the first {', '.join(map(str, UNTIL_S))} s")
+    for linkage in (GUIDED, UNGUIDED):
+        rigid = rigid_path(linkage)
+        travel = 1e3 * np.linalg.norm(rigid - rigid[0], axis=1).max()
+        print(f"rigid tip travels {travel:.0f} mm ({'guided' if linkage is GUIDED else 'unguided'})")
+        for case in CASES:
+            if wanted in case.name and case.linkage is linkage:
+                compare(case, rigid)
 
 
 if __name__ == "__main__":

@@ -42,7 +42,8 @@ def page() -> str:
 
 def _row(name: str, declared: Declaration) -> str:
     size = f" ({declared.size} numbers)" if declared.size > 1 else ""
-    default = "the drawn fit" if declared.drawn else "give it"
+    drawn = "the drawn fit" if declared.joint_types else f"the {declared.drawn}"
+    default = drawn if declared.drawn else "give it"
     default = default if declared.default is None else f"{declared.default:g}"
     low, high = declared.lower, declared.upper
     bounds = "" if low is None and high is None else f"{_end(low, '-∞')} to {_end(high, '∞')}"

@@ -184,8 +184,8 @@ class _Reader:
         if kind.name == "link_flexibility":
             return {"stiffness_n_m_per_rad": self._limp(place)}
         joint = next((j for j in self.mechanism.joints if j.id == place), None)
-        wanted = [spec for spec in kind.parameters.values() if spec.drawn]
-        values = {spec.name: getattr(joint.fit, spec.drawn)() if joint and joint.fit else None for spec in wanted}
+        wanted = [(spec.name, spec.drawn) for spec in kind.parameters.values() if spec.drawn]
+        values = {name: getattr(joint.fit, method)() if joint and joint.fit else None for name, method in wanted}
         return {name: SMALL_PLAY_M if value is None else value for name, value in values.items()}
 
     def _limp(self, place: str) -> float:

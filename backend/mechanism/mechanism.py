@@ -127,7 +127,23 @@ def effect_faults(mechanism: Mechanism, effect: Effect) -> list[str]:
     faults += wrong or order_faults(kind, effect.parameters)
     able = [joint for joint in mechanism.joints if joint.id in (joints or ()) and kind.suits(joint.type)]
     unfitted = [joint.id for joint in able if joint.fit is None or joint.fit.clearance_m() is None]
+    if kind.acts_on == "bodies":
+        faults += _unheld_faults(mechanism, kind, effect)
     return faults + missing_parameters(kind, effect.parameters, unfitted[0] if unfitted else None)
+
+
+def _unheld_faults(mechanism: Mechanism, kind: EffectKind, effect: Effect) -> Iterator[str]:
+    """Ends that joints should give, on bodies that too few joints hold."""
+    ground = [body.id for body in mechanism.bodies if body.fixed]
+    for side, body in zip("ab", [*effect.on, *ground][:2], strict=False):
+        lacking = [n for n, s in kind.parameters.items() if s.drawn and f"_{side}_" in n and n not in effect.parameters]
+        held = sum(body in (joint.body_a, joint.body_b) for joint in mechanism.joints)
+        if lacking and held < 2:
+            count = f"{held} joint" if held == 1 else "no joint"
+            yield (
+                f"{' and '.join(lacking)} {'is' if len(lacking) == 1 else 'are'} missing, and {count} of body "
+                f'"{body}" cannot tell; give it in m, or hold the body by two joints'
+            )
 
 
 def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> list[str]:

@@ -8,19 +8,27 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.effects.catalogue import effect_of_kind
-from backend.effects.effect import AbstractEffect, Declaration
-from backend.effects.shapes import AbstractDrag, AbstractLinkContact, AbstractSection, AbstractStrut
+from backend.effects.effect import TURNING, AbstractEffect, Declaration
+from backend.effects.shapes import (
+    AbstractBedFriction,
+    AbstractDrag,
+    AbstractLinkContact,
+    AbstractSection,
+    AbstractStrut,
+)
 from backend.joints.catalogue import catalogue, joint_of_type
 from backend.mechanism.body import Body
 from backend.mechanism.effect import Effect, ParameterValue, kind_named, order_faults
 from backend.mechanism.mechanism import Mechanism
 from backend.model.drawing import Drawing
 from backend.model.flexible import SECTION, split, whole
-from backend.model.lengthwise import Points, held_points, length_axis
+from backend.model.lengthwise import Points, held_points, joint_points, length_axis
 from backend.model.model import Model, world_axis
 from backend.model.placed import Placed
 from backend.model.scale import STANDARD_GRAVITY, Scale
 from backend.model.topology import Topology, lay_out
+
+PARALLEL = 1e-3  # sine below which joints turn about one direction
 
 
 def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
@@ -53,8 +61,11 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     bodies = [mechanism.body(id_) if id_ else None for id_ in topology.body_ids + topology.fixed_ids]
     drawing = _drawing(mechanism, bodies, uncut)
     poses = np.array([_pose(b) for b in bodies])
-    sides = topology.joints[: len(uncut.joints)]
-    axes_W = np.array([_rotation(poses[a, 3:]) @ drawing.axes_a[i, :, 2] for i, (a, _) in enumerate(sides)])
+    turning = [i for i in range(len(uncut.joints)) if topology.joint_types[i] in TURNING]
+    axes_W = [_rotation(poses[topology.joints[i][0], 3:]) @ drawing.axes_a[i, :, 2] for i in turning]
+    _check_bed(drawn, axes_W)
+    up = -np.array(mechanism.gravity_m_per_s2, dtype=float)
+    axes_W = axes_W or [up if up.any() else np.array([0.0, 0.0, 1.0])]
     return Model(
         topology=topology,
         drawing=drawing,
@@ -63,9 +74,19 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
         marker_points=jnp.array([m.position_m for m in mechanism.markers], dtype=float).reshape(-1, 3),
         marker_ids=tuple(m.id for m in mechanism.markers),
         marker_bodies=tuple(topology.slot(m.body) for m in mechanism.markers),
-        view_axis=world_axis(jnp.asarray(axes_W.reshape(-1, 3))),
+        view_axis=world_axis(jnp.asarray(np.array(axes_W))),
         scale=_scale(uncut, [b.id for b in uncut.bodies if not b.fixed]),
     )
+
+
+def _check_bed(drawn: Sequence[Effect], axes_W: list[np.ndarray]) -> None:
+    """Refuse friction on a bed where no plane lies across all joints."""
+    on_bed = [e.id for e in drawn if issubclass(effect_of_kind(e.kind), AbstractBedFriction)]
+    if on_bed and any(np.linalg.norm(np.cross(axes_W[0], axis)) > PARALLEL for axis in axes_W):
+        raise ValueError(
+            f"effect '{on_bed[0]}': the joints turn about different axes, so no bed lies across all of them; "
+            "remove it, or draw the joints' axes parallel"
+        )
 
 
 def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism) -> Drawing:
@@ -133,7 +154,7 @@ def _with_drawn_values(member: Effect, mechanism: Mechanism) -> list[Effect]:
 def _with_capsules(member: Effect, missing: Iterable[str], mechanism: Mechanism) -> Effect:
     """A contact between links whose capsules reach from the first to the last joint of each body."""
     values, fixed = dict(member.parameters), [b.id for b in mechanism.bodies if b.fixed]
-    points = held_points(mechanism)
+    points = joint_points(mechanism)
     for letter, body in zip("ab", _pair(member, fixed), strict=True):
         ends = points[body]
         along = length_axis(ends)

@@ -47,7 +47,7 @@ class Model(eqx.Module):
     marker_ids: tuple[str, ...] = eqx.field(static=True)
     marker_bodies: tuple[int, ...] = eqx.field(static=True)
     view_axis: Float[Array, "3"]
-    """Unit vector along most joints' axes: the direction in which a camera looks at the motion."""
+    """Unit vector about which joints turn, upwards where none does: where a camera looks along, and across the bed."""
     scale: Scale
 
     def of(self, shape: type[Shape]) -> list[Placed]:
@@ -107,9 +107,7 @@ class Model(eqx.Module):
 
 
 def world_axis(axes: Float[Array, "joints 3"]) -> Float[Array, "3"]:
-    """The direction that most axes share, sign of the first; z where there is no joint."""
-    if axes.shape[0] == 0:
-        return jnp.array([0.0, 0.0, 1.0])
+    """The direction that axes share, sign of the first."""
     signs = jnp.sign(axes @ axes[0])
     mean = jnp.sum(jnp.where(signs == 0, 1.0, signs)[:, None] * axes, 0)
     return mean / jnp.linalg.norm(mean)

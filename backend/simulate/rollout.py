@@ -37,6 +37,8 @@ class Trajectory(eqx.Module):
     """Along the joints' rows: forces [N] and torques [N m] on body B."""
     wall: Float[Array, "nodes walls"]
     """Normal force at the walls inside joints [N; N m at an end of turning]."""
+    touch: Float[Array, "nodes places"]
+    """Normal force where links touch, five places a pair [N]."""
     iterations: Int[Array, "nodes"]
     error: Float[Array, "nodes"]
     """Residual of the step, in mechanism lengths."""
@@ -97,6 +99,7 @@ class Seen(NamedTuple):
     rate: Float[Array, "steps joints"]
     reaction: Float[Array, "steps joints 6"]
     wall: Float[Array, "steps walls"]
+    touch: Float[Array, "steps places"]
     iterations: Int[Array, "steps"]
     error: Float[Array, "steps"]
     lost: Bool[Array, "steps"]
@@ -192,10 +195,11 @@ def _cut_step(
             node,
         )
 
-    joints, walls = len(system.coordinate), system.contacts.count
+    joints, walls, places = len(system.coordinate), system.contacts.count, touch.PLACES * system.touches.count
     none, count = jnp.zeros(()), jnp.zeros((), dtype=int)
     still, rows = jnp.zeros_like(motion.velocity), jnp.zeros((joints, 6))
-    node = Seen(motion.pose, still, motion.q, jnp.zeros(joints), rows, jnp.zeros(walls), count, none, lost, count)
+    loads = jnp.zeros(walls), jnp.zeros(places)
+    node = Seen(motion.pose, still, motion.q, jnp.zeros(joints), rows, *loads, count, none, lost, count)
     end = lax.while_loop(unfinished, attempt, _Attempt(motion, none, count, lost, node))
     return end.motion, end.gone, end.node
 
@@ -219,6 +223,7 @@ def _node(motion: Motion, after: Motion, solved: Solved, step_s: float | Array, 
         rate=between(motion.rate, after.rate),
         reaction=solved.unknowns.impulses.rows / weight,
         wall=solved.unknowns.impulses.walls.normal / weight,
+        touch=solved.unknowns.impulses.touches.normal / weight,
         iterations=solved.iterations,
         error=solved.error,
         lost=lost,

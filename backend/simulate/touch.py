@@ -77,16 +77,17 @@ def near(system: System, bodies: Bodies) -> Near:
         gaps.append(gap if place < PLACES - 1 else jnp.where(ok, gap, OUT_OF_REACH_M))
         t = slide - n * dot(n, slide)[:, None]
         t = t / jnp.sqrt(dot(t, t) + TINY_M**2)[:, None]
-        p_a = at_a + system.touches.first.radius[:, None] * n
-        p_b = at_b - system.touches.second.radius[:, None] * n
-        rows.append(jnp.stack([_row(bodies, first, second, p_a, p_b, u) for u in (n, t)], 1))
+        # One point for both, so that what rubs before the gap is quite closed makes no couple.
+        between = 0.5 * (system.touches.first.radius - system.touches.second.radius)[:, None]
+        point = 0.5 * (at_a + at_b) + between * n
+        rows.append(jnp.stack([_row(bodies, first, second, point, u) for u in (n, t)], 1))
     return Near(jnp.stack(gaps, 1).reshape(-1), jnp.stack(rows, 1).reshape(-1, 2, 12))
 
 
-def _row(bodies: Bodies, first: np.ndarray, second: np.ndarray, p_a: Array, p_b: Array, u_W: Array) -> Array:
-    """Slope of the distance of two points along u."""
+def _row(bodies: Bodies, first: np.ndarray, second: np.ndarray, point: Array, u_W: Array) -> Array:
+    """Slope of the distance, along u, of what both bodies have at a point."""
     turns = []
-    for slots, point in ((first, p_a), (second, p_b)):
+    for slots in (first, second):
         R = bodies.rotation[slots]
         turns.append(jnp.cross(apply_transposed(R, point - bodies.position[slots]), apply_transposed(R, u_W)))
     return jnp.concatenate([-u_W, -turns[0], u_W, turns[1]], -1)

@@ -1,5 +1,9 @@
-"""One mechanism that carries every effect at once, so that one compiled program questions them all."""
+"""One mechanism that carries every effect at once, so that one compiled program questions them all.
 
+What strikes stands in a second one: a wide difference of any parameter would move a blow into another step.
+"""
+
+from collections.abc import Iterable
 from functools import cache
 
 import equinox as eqx
@@ -8,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from backend.effects.catalogue import catalogue
+from backend.effects.shapes import AbstractJointClearance
 from backend.model.build import build
 from backend.model.model import Address, Model
 from backend.model.state import Start, drawn_pose
@@ -17,6 +22,7 @@ from tests.mechanisms import bead_on_bar, effect
 from tests.motions import move, still
 
 STEP_S, STEPS = 1e-3, 250
+STEPS_STRUCK = 100  # a few blows: more, and differences see how each sends the next
 WITHOUT_ABSENT = (  # a driven joint follows its value; a hole without play has a micrometre; a bend is a hinge more
     "prescribed_motion",
     "clearance",
@@ -26,7 +32,17 @@ GIVEN = {  # parameters that a drawing must give
     "applied_force": {"direction": [0.6, 0.8, 0.0], "point_m": [0.02, 0.01, 0.0]},
     "applied_torque": {"axis": [0.0, 0.0, 1.0]},
     "extension_spring": {"anchor_a_m": [0.01, 0.0, 0.0], "anchor_b_m": [0.1, 0.15, 0.05]},
+    "clearance": {"radial_m": 1e-3, "bearing_length_m": 0.02},
+    "link_contact": {  # a post that ends 10 mm above the plane in which the bar swings: too thin to be met
+        "start_a_m": [0.0, 0.0, 0.0],
+        "end_a_m": [0.2, 0.0, 0.0],
+        "start_b_m": [0.077, -0.092, 0.01],
+        "end_b_m": [0.077, -0.092, 0.1],
+        "radius_a_m": 0.001,
+        "radius_b_m": 0.001,
+    },
 }
+STRIKING = ("clearance", "link_contact")
 SIZES = {  # what is large enough to see in a quarter of a second, and not so large that motion stops
     "free_length_m": 0.1,
     "rest_rad": 0.3,
@@ -37,18 +53,22 @@ SIZES = {  # what is large enough to see in a quarter of a second, and not so la
     "static_torque_n_m": 0.003,
     "static_force_n": 0.05,
     "stribeck_velocity_m_per_s": 0.3,
+    "radius_a_m": 0.01,
+    "radius_b_m": 0.012,
+    "radial_m": 2e-4,
+    "bearing_length_m": 0.02,
+    ("clearance", "stiffness_n_per_m"): 1e5,
+    ("link_contact", "stiffness_n_per_m"): 1e5,
+    ("clearance", "restitution"): 0.3,
+    ("link_contact", "restitution"): 0.3,
 }
 SHARE = 0.05  # of the natural size, for all other parameters
 
 
-def members() -> list:
-    """Every effect of the catalogue, once per kind, on the bar or its pin and rail."""
+def members(kinds: Iterable[str]) -> list:
+    """Effects of these kinds on the bar, or on its pin and rail."""
     places = {"joint": "all", "body": ["bar"], "bodies": ["bar", "ground"], "world": ["world"], "camera": ["camera"]}
-    return [
-        effect(kind, kind, places[type_.acts_on], **GIVEN.get(kind, {}))
-        for kind, type_ in catalogue().items()
-        if kind not in (*WITHOUT_ABSENT, "gravity")
-    ]
+    return [effect(kind, kind, places[catalogue()[kind].acts_on], **GIVEN.get(kind, {})) for kind in kinds]
 
 
 @cache
@@ -60,27 +80,41 @@ def bare() -> Model:
 @cache
 def laden() -> Model:
     """The mechanism with every effect at its default, which is absent."""
-    return build(bead_on_bar(members()))
+    return build(bead_on_bar(members(kind for kind in catalogue() if kind not in (*WITHOUT_ABSENT, "gravity"))))
+
+
+@cache
+def struck() -> Model:
+    """The mechanism with what strikes."""
+    return build(bead_on_bar(members(STRIKING)))
+
+
+def carrier(kind: str) -> Model:
+    """The mechanism that questions a kind."""
+    return struck() if kind in STRIKING else laden()
 
 
 def sized(address: Address) -> float:
     """A telling value of a scalar parameter."""
-    row = laden().parameters[address]
-    return SIZES.get(address[1], SHARE * row.natural)
+    row = carrier(address[0]).parameters[address]
+    return SIZES.get(address, SIZES.get(address[1], SHARE * row.natural))
 
 
 def present(kind: str) -> dict[Address, float]:
     """One effect's scalar parameters at telling values."""
-    rows = laden().parameters
+    rows = carrier(kind).parameters
     return {a: sized(a) for a, row in rows.items() if row.kind == kind and row.declaration.size == 1}
 
 
-def scalars() -> list[Address]:
-    """Every scalar parameter that changes the motion."""
+def scalars(model: Model) -> list[Address]:
+    """Every scalar parameter that this mechanism questions and that changes the motion."""
     return [
         address
-        for address, row in laden().parameters.items()
-        if row.declaration.size == 1 and catalogue()[row.kind].acts_on != "camera" and row.kind != "joint_stop"
+        for address, row in model.parameters.items()
+        if row.declaration.size == 1
+        and catalogue()[row.kind].acts_on != "camera"
+        and row.kind != "joint_stop"
+        and carrier(row.kind) is model
     ]
 
 
@@ -92,16 +126,16 @@ def motion(model: Model):
     return jax.tree.map(np.asarray, _move(model, still(model), jnp.asarray(STEP_S), STEPS))
 
 
-@eqx.filter_jit
-def seen(model: Model, values: dict, sharp: bool = True):
+def seen(model: Model, values: dict):
     """Coordinates and poses of the moved mechanism, over time."""
     model = model.with_parameters(values)
     plant = system(model, 1e-13)  # differences by 1e-6 cannot bear the default's 1e-10
-    path = rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, STEPS)
+    steps = STEPS_STRUCK if model.of(AbstractJointClearance) else STEPS
+    path = rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, steps)
     return jnp.concatenate([path.q.ravel(), path.pose.position.ravel()])
 
 
 @eqx.filter_jit
-def slope(model: Model, values: dict, along: dict):
-    """Its derivative in a direction of the parameters."""
-    return jax.jvp(lambda v: seen(model, v), (values,), (along,))[1]
+def seen_and_slope(model: Model, values: dict, along: dict):
+    """The same, and its derivative in a direction of the parameters; one program for both."""
+    return jax.jvp(lambda v: seen(model, v), (values,), (along,))

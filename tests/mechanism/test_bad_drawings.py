@@ -56,6 +56,7 @@ def together(*faults):
 
 LINK_INERTIA = ("bodies", 1, "inertial", "inertia_kg_m2")
 SPRING = ("effects", 0, "parameters")
+CAPSULES = {f"{end}_{side}_m": [0, 0, 0.1 * (end == "end")] for side in "ab" for end in ("start", "end")}
 TOO_LARGE = 10**400  # an integer that no double holds
 
 # name: (fault, what the message must say: part, number, remedy)
@@ -198,6 +199,39 @@ FAULTS = {
     "parameter above its bound": (
         effect("clearance", ["j1"], restitution=1.5),
         ['effect "x"', "1.5", "upper bound 1", "lower it"],
+    ),
+    "a word that is no shape": (
+        effect("clearance", ["j1"], shape="oval"),
+        ['effect "x"', "shape is 'oval'", "write 'circle' or 'rectangle'"],
+    ),
+    "a number for a shape": (effect("clearance", ["j1"], shape=2), ['effect "x"', "shape is 2", "'circle'"]),
+    "clearance without a number or a fit": (
+        together(drop("joints", 0, "fit"), effect("clearance", ["j1"])),
+        ['effect "x"', "radial_m is missing", 'draw joint "j1" with fit.radial_clearance_m'],
+    ),
+    "clearance at a slide": (
+        together(slide_too, effect("clearance", ["s"], radial_m=1e-3)),
+        ['effect "x"', 'joint "s", which is prismatic', "remove it"],
+    ),
+    "capsules without radii": (
+        effect("link_contact", ["link1", "ground"], **CAPSULES),
+        ['effect "x"', "radius_a_m is missing", "radius_b_m is missing", "give it in m"],
+    ),
+    "capsules that no two joints tell": (
+        effect("link_contact", ["link1", "ground"], radius_a_m=0.01, radius_b_m=0.01, start_a_m=[0, 0, 0]),
+        ['effect "x"', "end_a_m is missing, and 1 joint of body", '"link1"', "start_b_m and end_b_m are missing"],
+    ),
+    "contact of every body": (
+        effect("link_contact", "all", **CAPSULES, radius_a_m=0.01, radius_b_m=0.01),
+        ['effect "x"', '"all"', "link_contact acts on one body, or between two"],
+    ),
+    "contact with rebound above 1": (
+        effect("link_contact", ["link1", "ground"], **CAPSULES, radius_a_m=0.01, radius_b_m=0.01, restitution=1.2),
+        ['effect "x"', "1.2", "upper bound 1", "lower it"],
+    ),
+    "friction on the bed at a joint": (
+        effect("surface_friction", ["j1"], friction_coefficient=0.2),
+        ['effect "x"', '"j1"', "no body has that id"],
     ),
     "list for one number": (
         effect("viscous_friction", ["j1"], damping_n_m_s_per_rad=[1, 2]),

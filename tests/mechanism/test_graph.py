@@ -176,11 +176,24 @@ def test_a_joint_drawn_outside_its_limits_is_warned_about(drawings):
 
 def test_an_effect_that_cannot_be_simulated_yet_is_warned_about(drawings):
     document = drawings.pendulum()
-    capsules = {f"{end}_{side}_m": [0.0, 0.0, 0.0] for end in ("start", "end") for side in "ab"}
-    radii = {"radius_a_m": 0.01, "radius_b_m": 0.01}
-    touch = {"id": "e9", "kind": "link_contact", "on": ["ground", "link1"], "parameters": {**capsules, **radii}}
-    document["effects"].append(touch)
-    assert any('effect "e9": link_contact is read but not simulated' in text for text in report(document).warnings)
+    document["effects"].append({"id": "e9", "kind": "base_motion", "on": ["world"], "parameters": {}})
+    assert any('effect "e9": base_motion is read but not simulated' in text for text in report(document).warnings)
+
+
+def test_effects_of_contact_are_read_without_a_warning(drawings):
+    document = drawings.scissor(2)
+    for joint in document["joints"]:
+        joint["fit"] = {"pin_diameter_m": 0.008, "hole_diameter_m": 0.0081}
+    radii = {"radius_a_m": 0.005, "radius_b_m": 0.005}
+    document["effects"] = [
+        {"id": "play", "kind": "clearance", "on": "all", "parameters": {"shape": "rectangle"}},
+        {"id": "meet", "kind": "link_contact", "on": ["up1", "down1"], "parameters": radii},
+        {"id": "bed", "kind": "surface_friction", "on": "all", "parameters": {"friction_coefficient": 0.2}},
+    ]
+    found = report(document)
+    assert found.ok
+    assert found.warnings == ()
+    assert "3 effects" in check_text(found)
 
 
 @settings(max_examples=20, deadline=None)

@@ -4,11 +4,21 @@ import jax
 import numpy as np
 import pytest
 
+from backend.mechanism.read import parse_mechanism
 from backend.model.build import build
 from backend.model.state import drawn_pose
 from backend.model.system import system
 from backend.simulate import points
-from tests.mechanisms import bead_on_bar, double_pendulum, effect, fourbar, pendulum, scissor, sliding_mass
+from tests.mechanisms import (
+    bead_on_bar,
+    document,
+    double_pendulum,
+    effect,
+    fourbar,
+    pendulum,
+    scissor,
+    sliding_mass,
+)
 
 
 def test_bodies_stand_in_levels_so_that_joints_link_neighbours():
@@ -90,3 +100,44 @@ def test_two_drawings_of_one_topology_share_one_compiled_program():
     light, heavy = build(fourbar()), build(fourbar(coupler_to=(0.3, 0.18), density=0.9))
     assert mass(light).sum() < mass(heavy).sum()
     assert len(traces) == 1
+
+
+def test_a_clearance_takes_its_play_from_each_joints_own_fit():
+    drawn = document(fourbar())
+    for joint, hole in zip(drawn["joints"], (0.0082, 0.0084, 0.0086, 0.0088), strict=True):
+        joint["fit"]["hole_diameter_m"] = hole
+    rows = build(parse_mechanism(drawn), [effect("play", "clearance", "all")]).parameters
+    drawn_play = [rows[f"play@j{i}", "radial_m"].value for i in (1, 2, 3, 4)]
+    np.testing.assert_allclose(drawn_play, [1e-4, 2e-4, 3e-4, 4e-4], rtol=1e-9)
+    rows = build(parse_mechanism(drawn), [effect("play", "clearance", ["j3"], radial_m=1e-3)]).parameters
+    assert rows["play", "radial_m"].value == 1e-3  # what is stated comes before what is drawn
+
+
+def test_two_clearances_at_one_joint_are_refused():
+    plays = [effect(name, "clearance", ["pin"], radial_m=1e-3) for name in "ab"]
+    with pytest.raises(ValueError, match="two clearances act at one joint"):
+        system(build(pendulum(), plays))
+
+
+def test_the_shape_of_a_hole_and_the_rings_of_a_bearing_decide_its_walls():
+    counts = []
+    for given in ({}, {"shape": "rectangle"}, {"bearing_length_m": 0.01}):
+        play = effect("play", "clearance", ["pin"], radial_m=1e-3, **given)
+        counts.append(system(build(pendulum(), [play])).contacts.count)
+    assert counts == [1, 4, 2]
+
+
+def test_a_capsule_reaches_from_a_bars_first_joint_to_its_last():
+    meet = effect("meet", "link_contact", ["a1", "b1"], radius_a_m=0.005, radius_b_m=0.004)
+    plant = system(build(scissor(3), [meet]))
+    for capsule, radius in ((plant.touches.first, 0.005), (plant.touches.second, 0.004)):
+        # Bars of 0.2 m between their outer pins; points count from the centre of mass.
+        np.testing.assert_allclose(np.abs(np.stack([capsule.start[0], capsule.end[0]])[:, 0]), 0.1, atol=1e-12)
+        np.testing.assert_allclose(capsule.start, -capsule.end, atol=1e-12)
+        assert float(capsule.radius[0]) == radius
+
+
+def test_a_capsule_that_joints_cannot_tell_is_refused():
+    meet = effect("meet", "link_contact", ["link", "ground"], radius_a_m=0.005, radius_b_m=0.004)
+    with pytest.raises(ValueError, match="'meet': body 'link' has fewer than two joints"):
+        build(pendulum(), [meet])
