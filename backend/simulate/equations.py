@@ -152,7 +152,9 @@ def _reach(
     back = contact.gap(contacts, room, here) - step * motion.opening
     scale = system.scale
     fall = jnp.sqrt(scale.gravity_m_per_s2 * scale.length_m)
-    stick = step * blur * STICK_RATE * scale.length_m * jnp.ones(contacts.count)
+    # A pin's surface moves slower than the bar's end by radius over length: what creeps there shows at the end.
+    radius = contacts.selection[:, 2, TURN]
+    stick = step * blur * STICK_RATE * jnp.where(radius > 0.0, radius, scale.length_m)
     return Reach(room, here, back, step, 2 * step, weight, stick, contact.CREEP * fall)
 
 

@@ -9,7 +9,7 @@ from jax import lax
 from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
-from backend.model.system import System
+from backend.model.system import TOLERANCE, System
 from backend.simulate import contact, kinematics, law, meeting, touch
 from backend.simulate.contact import Push
 from backend.simulate.equations import (
@@ -27,8 +27,8 @@ from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows, momentum
 
 MAX_ITERATIONS = 45
-OFF_PATH = 0.3  # share of the barrier that a wall's γ s may be off: of forces that are nothing beside the mechanism's
-SLID = 0.1  # share of the sliding at which friction is half way, that sliding may be off
+OFF_PATH = 0.3  # share of the barrier that a wall's γ s may be off at the default tolerance: of forces that are nothing
+SLID = 0.1  # share of the sliding at which friction is half way, that sliding may be off at the default tolerance
 RESTART = 20  # iterations after which walls are opened and Newton's method begins again
 LARGEST_TURN = 1.0  # rad in one step: beyond it the quaternion step loses its inverse
 TO_BOUNDARY = 0.999  # fraction of the way to γ = 0 or s = 0 that an iteration may go
@@ -198,10 +198,10 @@ def _size(system: System, at: Frame, unknowns: Unknowns, residual: Unknowns, bar
         groups.append((touch.walls(system), at.meeting.reach, now.touches, left.touches))
     for contacts, reach, push, off in groups:
         rub = jnp.abs(off.rub) * impulse * length
-        slid = system.tolerance / SLID * contact.slid(contacts, reach, push, off.rub) / reach.stick
+        slid = TOLERANCE / SLID * contact.slid(contacts, reach, push, off.rub) / reach.stick
         parts += [
             jnp.abs(off.normal) / length,
-            system.tolerance / OFF_PATH * jnp.abs(off.slack) / barrier,
+            TOLERANCE / OFF_PATH * jnp.abs(off.slack) / barrier,
             jnp.minimum(rub, slid),
         ]
     parts.append(jnp.abs(residual.impulses.pads) * impulse * length)
