@@ -34,9 +34,8 @@ SIZES = {  # what is large enough to see in a quarter of a second, and not so la
     "upper": 1e3,
     "drag_area_m2": 0.05,
     "friction_coefficient": 0.2,
-    "static_torque_n_m": 0.003,
-    "static_force_n": 0.05,
-    "stribeck_velocity_m_per_s": 0.3,
+    "static_torque_n_m": 0.004,
+    "static_force_n": 0.04,
 }
 SHARE = 0.05  # of the natural size, for all other parameters
 
