@@ -34,8 +34,11 @@ SIZES = {  # what is large enough to see in a quarter of a second, and not so la
     "upper": 1e3,
     "drag_area_m2": 0.05,
     "friction_coefficient": 0.2,
-    "static_torque_n_m": 0.004,
-    "static_force_n": 0.04,
+    "friction_torque_n_m": 0.0005,
+    "static_torque_n_m": 0.0015,
+    "friction_force_n": 0.02,
+    "static_force_n": 0.025,
+    "stribeck_velocity_m_per_s": 0.1,
 }
 SHARE = 0.05  # of the natural size, for all other parameters
 
