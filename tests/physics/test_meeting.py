@@ -78,7 +78,9 @@ def test_a_dropped_bar_rebounds_with_its_restitution(restitution):
     blow, down = np.sqrt(2 * G * height), int(np.sqrt(2 * height / G) / STEP_S)
     assert v[down - 2] == pytest.approx(-blow, abs=3 * G * STEP_S)
     assert v[down + 4] == pytest.approx(restitution * blow, abs=6 * G * STEP_S)  # gravity goes on meanwhile
-    assert y[down + 4 :].max() - ON_RAIL == pytest.approx(restitution**2 * height, abs=2 * blow * STEP_S * restitution + 1e-8)
+    assert y[down + 4 :].max() - ON_RAIL == pytest.approx(
+        restitution**2 * height, abs=2 * blow * STEP_S * restitution + 1e-8
+    )
     # With a rebound the gaps before and after a node are weighed: the node itself may lie beyond by a step's way.
     assert y.min() > ON_RAIL - blow * STEP_S * restitution - 1e-8
 
@@ -89,7 +91,9 @@ def test_energy_never_grows_where_bars_touch():
         model = over_a_rail(height=height, restitution=restitution, friction_coefficient=friction)
         motion = follow(model, STEP_S, 300, np.array([[0.5, 0, 0, 0, 0, 3.0]]))
         # At a blow a node's velocity is the mean of those before and after it, which is no speed of the bar.
-        struck = np.convolve(np.abs(np.gradient(motion.path.velocity[:, 0, 1])) > 5 * G * STEP_S, np.ones(3), "same") > 0
+        struck = (
+            np.convolve(np.abs(np.gradient(motion.path.velocity[:, 0, 1])) > 5 * G * STEP_S, np.ones(3), "same") > 0
+        )
         energy = motion.energy[~struck]
         assert 0 < struck.sum() < 100
         # A blow falls between two nodes: m v g h.
@@ -123,15 +127,15 @@ def test_a_bar_beside_a_rail_is_held_by_friction_below_its_angle():
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize(
-    "along", [(0, 1, 0), (1, 0, 0), (-1, 0, 0)], ids=["crossed", "side by side", "head to tail"]
-)
+@pytest.mark.parametrize("along", [(0, 1, 0), (1, 0, 0), (-1, 0, 0)], ids=["crossed", "side by side", "head to tail"])
 def test_rods_part_with_their_restitution_and_share_their_momentum(restitution, along):
     speed = 0.5
     model = in_space(((0, 0, 0), (1, 0, 0)), ((0, 0, 0.03), along), restitution=restitution)
     motion = follow(model, STEP_S, 100, np.array([[0, 0, speed, 0, 0, 0], np.zeros(6)]))
     v, z = motion.path.velocity[-1], motion.path.pose.position[:, :, 2]
-    assert v[1, 2] - v[0, 2] == pytest.approx(restitution * speed, abs=3e-3 * speed)  # κ / h is 1e-6 of the blow's energy
+    assert v[1, 2] - v[0, 2] == pytest.approx(
+        restitution * speed, abs=3e-3 * speed
+    )  # κ / h is 1e-6 of the blow's energy
     assert v[0, 2] + v[1, 2] == pytest.approx(speed, rel=1e-9)
     np.testing.assert_allclose(v[:, 3:], 0.0, atol=1e-6)  # the blow is in the middle: neither turns
     assert (z[:, 1] - z[:, 0]).min() > 2 * RADIUS - speed * STEP_S * restitution - 1e-8
@@ -157,7 +161,7 @@ def test_a_blow_off_the_middle_keeps_momentum_and_makes_no_energy(restitution, f
 def test_skew_pendulums_that_hit_obey_the_law_of_impact(restitution):
     """Pins about z and about a skew axis: the bars cross in space, and each is struck at its own arm."""
     foot, axis = np.array([0.05, -0.12, -0.1]), np.array([0.3, 1.0, 0.2]) / np.linalg.norm([0.3, 1.0, 0.2])
-    bars = [bar("hanging", (0, 0, 0), (0, -LENGTH, 0), MASS), bar("standing", foot, foot + [0, 0, LENGTH], MASS)]
+    bars = [bar("hanging", (0, 0, 0), (0, -LENGTH, 0), MASS), bar("standing", foot, np.add(foot, (0, 0, LENGTH)), MASS)]
     pins = [
         ("one", "revolute", "ground", "hanging", (0, 0, 0), Z),
         ("two", "revolute", "ground", "standing", tuple(foot), tuple(axis)),
