@@ -5,9 +5,9 @@ python -m benchmarks.clearance_peers one        the cases with "one" in their na
 
 The 5-cell scissor opened by its spring, pins of 8 mm, 0.6 s from rest.  "Every pin" means all fifteen revolute joints:
 pins between bars, the ground pin and the slider's pin; the slider's guide stays tight.  "One pin" is top1, where cells
-1 and 2 meet.  "Unguided" starts flatter (0.6 rad) and has no slider: nothing forces its two sides to agree.  A difference
-is the RMS over time of the tip's distance, over the RMS of the tip's way off the rigid motion, each over the first
-0.2, 0.3 and 0.6 s.
+1 and 2 meet.  "Unguided" starts flatter (0.6 rad) and has no slider, so that it also swings about its ground pin.  A
+difference is the RMS over time of the tip's distance, over the RMS of the tip's way off the rigid motion, each over the
+first 0.2, 0.3 and 0.6 s.
 """
 
 import sys

@@ -106,11 +106,12 @@ def past_each_other() -> Mechanism:
 
 COULOMB = effect("dry", "coulomb_friction", "all", friction_torque_n_m=2e-3)
 PIN = effect("rub", "pin_friction", "all", friction_coefficient=0.3)
+PINS = effect("rub", "pin_friction", ["main", "crankpin"], friction_coefficient=0.3)
 CASES = (
     Case("Coulomb friction, four-bar", lambda: fourbar([COULOMB]), 0.5),
     Case("Coulomb friction, scissor", lambda: scissor(3, [COULOMB], stiffness=100.0), 0.15),
     Case("pin friction, four-bar", lambda: fourbar([PIN]), 0.5),
-    Case("pin friction, slider-crank", lambda: slider_crank(effects=[effect("rub", "pin_friction", ["main", "crankpin"], friction_coefficient=0.3)]), 0.5),
+    Case("pin friction, slider-crank", lambda: slider_crank(effects=[PINS]), 0.5),
     Case("joint stop, pendulum", lambda: pendulum(effects=[effect("end", "joint_stop", ["pin"], lower=-0.8)]), 0.6),
     Case("surface friction, scissor", on_the_bed, 0.3),
     Case("link contact, post", on_a_post, 0.4, exudyn_s=4e-5, mujoco_s=2e-5),
@@ -138,8 +139,9 @@ def compare(case: Case) -> None:
         print(f"{case.name:<30} ours: {ours.result}", flush=True)
         return
     half = simulate(mechanism, case.duration_s, 0.5 * case.ours_s)
-    own = max(float(np.abs(half.q[j][::2] - q).max()) for j, q in ours.q.items())
-    travel = max(float(np.ptp(q)) for q in ours.q.values())
+    pairs = [(half.q[j], q) for j, q in ours.q.items()] + [(half.markers_m[m], p) for m, p in ours.markers_m.items()]
+    own = max(float(np.abs(finer[::2] - coarse).max()) for finer, coarse in pairs)
+    travel = max(float(np.ptp(coarse, axis=0).max()) for _, coarse in pairs)
     line = f"{case.name:<30} travel {travel:5.2f}  ours at half the step {own:.0e}"
     line += f" ({time.process_time() - begin:.0f} s)"
     runs = {

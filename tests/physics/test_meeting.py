@@ -161,7 +161,7 @@ def test_a_blow_off_the_middle_keeps_momentum_and_makes_no_energy(restitution, f
 def test_skew_pendulums_that_hit_obey_the_law_of_impact(restitution):
     """Pins about z and about a skew axis: the bars cross in space, and each is struck at its own arm."""
     foot, axis = np.array([0.05, -0.12, -0.1]), np.array([0.3, 1.0, 0.2]) / np.linalg.norm([0.3, 1.0, 0.2])
-    bars = [bar("hanging", (0, 0, 0), (0, -LENGTH, 0), MASS), bar("standing", foot, foot + [0, 0, LENGTH], MASS)]
+    bars = [bar("hanging", (0, 0, 0), (0, -LENGTH, 0), MASS), bar("standing", foot, np.add(foot, (0, 0, LENGTH)), MASS)]
     pins = [
         ("one", "revolute", "ground", "hanging", (0, 0, 0), Z),
         ("two", "revolute", "ground", "standing", tuple(foot), tuple(axis)),
