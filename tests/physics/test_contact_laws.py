@@ -30,8 +30,16 @@ def drawn(name, **play):
     return build(parse_mechanism(drawing))
 
 
-@pytest.mark.parametrize(("friction", "restitution"), [(0.0, 0.0), (0.2, 0.5), (0.0, 0.9)])
-@pytest.mark.parametrize("name", ["four-bar", "slider-crank", "Bennett", "scissor"])
+GAINS = pytest.mark.xfail(strict=True, reason="bouncing pins gain 1.9% of the kinetic energy at 1 ms: docs/status.md")
+LAWS = ((0.0, 0.0), (0.2, 0.5), (0.0, 0.9))
+LOOSE = [
+    pytest.param(name, *law, marks=GAINS if (name, law) == ("slider-crank", LAWS[2]) else ())
+    for name in ("four-bar", "slider-crank", "Bennett", "scissor")
+    for law in LAWS
+]
+
+
+@pytest.mark.parametrize(("name", "friction", "restitution"), LOOSE)
 def test_energy_never_grows_where_pins_are_loose(name, friction, restitution):
     motion = follow(drawn(name, friction_coefficient=friction, restitution=restitution), STEP_S, STEPS, halvings=6)
     assert not motion.path.lost.any()
