@@ -70,8 +70,8 @@ def fit_study(
     table, addresses = model.parameters, addresses_of(freedom.parameters)
     step = step_s or default_step(study, model)
     tell(0.02, "finding where each experiment starts")
-    runs = [Run.of(e, study.mechanism, model, addresses, step) for e in study.fit]
-    held_out = [Run.of(e, study.mechanism, model, addresses, step) for e in study.held_out]
+    runs = [Run.of(e, model, addresses, step) for e in study.fit]
+    held_out = [Run.of(e, model, addresses, step) for e in study.held_out]
     scale = np.array([table[f.addresses[0]].natural for f in freedom.parameters])
     residuals = Residuals(freedom.parameters, scale, runs)
     search = _Search(residuals, optimiser, loss, max_iterations, tell, cancelled)

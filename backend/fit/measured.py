@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from backend.fit.noise import Source, channel_noise
-from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import Experiment
+from backend.model.model import Model
 
 AXES = ("x_m", "y_m", "z_m")
 
@@ -59,7 +59,7 @@ class Measured:
         return np.flatnonzero(self.channel == channel)
 
 
-def measured(experiment: Experiment, mechanism: Mechanism) -> Measured:
+def measured(experiment: Experiment, model: Model) -> Measured:
     """Gather an experiment's tables; coordinates that were not measured are skipped.
 
     Raises ValueError naming the experiment and channel when it holds nothing, or when noise can neither be read
@@ -68,7 +68,7 @@ def measured(experiment: Experiment, mechanism: Mechanism) -> Measured:
     release = experiment.release.time_s
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     channels: list[Channel] = []
-    for at, coordinate, column, unit, time, value, sigma in _series(experiment, mechanism):
+    for at, coordinate, column, unit, time, value, sigma in _series(experiment, model):
         seen = np.isfinite(value)
         if not experiment.release.at_rest:
             seen &= time >= release  # before the release of a moving start there is nothing to predict
@@ -93,10 +93,10 @@ def measured(experiment: Experiment, mechanism: Mechanism) -> Measured:
     return Measured(time, value, sigma, np.repeat(np.arange(len(parts)), lengths), tuple(channels), release)
 
 
-def _series(experiment: Experiment, mechanism: Mechanism) -> Iterator[tuple]:
+def _series(experiment: Experiment, model: Model) -> Iterator[tuple]:
     """(at, coordinate, column, unit, time, value, sigma) of every channel."""
-    joints, markers = [j.id for j in mechanism.joints], [m.id for m in mechanism.markers]
-    turning = {j.id: j.type != "prismatic" for j in mechanism.joints}
+    joints, markers = model.topology.joint_ids, model.marker_ids
+    turning = {id: type != "prismatic" for id, type in zip(joints, model.topology.joint_types, strict=True)}
     if (table := experiment.joint_positions) is not None:
         for id, rows in _groups(table, "joint"):
             unit = "rad" if turning[id] else "m"

@@ -14,7 +14,6 @@ from backend.fit.measured import Measured, measured
 from backend.fit.pose import Found, find_start
 from backend.fit.prediction import Addresses, Setting, linearised, roomy
 from backend.fit.solve import LeastSquares, solve
-from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import Experiment
 from backend.model.model import Model
 from backend.simulate.record import on_steps
@@ -35,7 +34,7 @@ class Run:
     _last: tuple[np.ndarray, tuple[np.ndarray, np.ndarray]] | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, experiment: Experiment, mechanism: Mechanism, model: Model, addresses: Addresses, step_s: float) -> Run:
+    def of(cls, experiment: Experiment, model: Model, addresses: Addresses, step_s: float) -> Run:
         """Read the tables and find the start. ValueError names the experiment."""
         values = {(e, p): v for e, given in experiment.overrides.items() for p, v in given.items()}
         free = {a for group in addresses for a in group}
@@ -45,7 +44,7 @@ class Run:
                 "Drop the override, or do not free it."
             )
         model = model.with_parameters({a: jnp.asarray(v) for a, v in values.items()}) if values else model
-        data = measured(experiment, mechanism)
+        data = measured(experiment, model)
         try:
             found = find_start(model, data, experiment.release)
         except ValueError as error:

@@ -46,15 +46,19 @@ def split(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Mechanism:
     """The drawing, with further effects beside those drawn, whose flexible links are cut in two.
 
     Mass, centre of mass and inertia of a straight link are those drawn, exactly.  A drawing without flexible links
-    comes back with its effects alone changed.  Raises ValueError naming the link that cannot be cut, and why.
+    comes back with its effects alone changed, one that is cut already as it is.  Raises ValueError naming the link
+    that cannot be cut, and why.
     """
     drawn = [*mechanism.effects, *effects]
     sections = [e for e in drawn if issubclass(effect_of_kind(e.kind), AbstractSection)]
     if not sections:
         return mechanism.model_copy(update={"effects": tuple(drawn)})
     cuts: dict[str, Cut] = {}
+    joints = [j.id for j in mechanism.joints]
     for effect in sections:
         for id_ in _bodies_of(effect, mechanism):
+            if id_ + SECTION in joints and mechanism.joint(id_ + SECTION).body_b == id_ + FAR:
+                continue  # cut before
             if id_ in cuts:
                 raise ValueError(f"effect '{effect.id}': body '{id_}' bends already; one section per link, remove one")
             cuts[id_] = _cut(effect, id_, mechanism)

@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from backend.mechanism.mechanism import Mechanism
+from backend.model.flexible import split
 from backend.report.evidence import Motion, Overlay
 from backend.report.skeleton import View, best_view, skeleton_of
 from backend.report.svg import element
@@ -19,7 +20,7 @@ SEEN_WITHIN = 0.6  # of a frame: a marker seen further off in time is not drawn
 
 def playback(mechanism: Mechanism, overlay: Overlay, title: str, simulated: str = "fitted twin") -> Markup:
     """A canvas with the simulated motion (named so in the legend), the drawn one behind it, and the markers seen."""
-    skeleton = skeleton_of(mechanism)
+    skeleton = skeleton_of(split(mechanism))
     placed = skeleton.placed(overlay.after)
     view = best_view(placed)
     times = _frames(overlay.after.time_s)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from backend.mechanism.mechanism import Mechanism
+from backend.model.flexible import split
 from backend.report.evidence import Motion, SimulationEvidence
 from backend.report.quantity import shown
 
@@ -18,6 +19,7 @@ MOST_JOINTS = 8
 
 def simulation_evidence(mechanism: Mechanism, run: Run) -> SimulationEvidence:
     """A run as its page wants it; fixed bodies do not move and are left out."""
+    mechanism = split(mechanism)
     moving = [body.id for body in mechanism.bodies if body.id in run.position_m and not body.fixed]
     return SimulationEvidence(
         mechanism=mechanism,

@@ -238,6 +238,7 @@ def test_effects_follow_the_half_that_carries_them():
     assert cut.effect("r").on == ("j1", "j2", "j3", "j4")  # not the hinge inside the link
     assert cut.joint("j3").body_a == "coupler:far"
     assert cut.marker("knee").body == "coupler:far"
+    assert split(cut) == cut
 
 
 @pytest.mark.parametrize(
