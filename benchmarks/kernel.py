@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from backend.mechanism.effect import Effect
 from backend.model.build import build
 from backend.model.system import system
 from backend.simulate.invariants import constraint_error, kinetic_energy, potential_energy
@@ -20,14 +21,21 @@ from benchmarks.dynamics import STEPS, let_go, median_s
 from benchmarks.mujoco_scissor import SETTINGS, time_mujoco_scissor
 from benchmarks.scissor import scissor
 
+LARGEST_LOOSE = 50  # cells
 LARGEST_MUJOCO = 100  # cells; its cost a step then already outgrows the wait
 
 
-def ours(cells: int, switch: str) -> dict[str, float]:
+def loose_pins(cells: int) -> list[Effect]:
+    """A millimetre of play at every pin."""
+    pins = [joint.id for joint in scissor(cells).joints if joint.type == "revolute"]
+    return [Effect(id="play", kind="clearance", on=pins, parameters={"radial_m": 1e-3})]
+
+
+def ours(cells: int, switch: str, loose: bool = False) -> dict[str, float]:
     """µs per step of processor time, seconds of compilation, and the largest opening of a joint [m]."""
     os.environ[call.SWITCH] = switch
     jax.clear_caches()
-    model = build(scissor(cells))
+    model = build(scissor(cells), loose_pins(cells) if loose else ())
     begin = time.perf_counter()
     compiled = eqx.filter_jit(let_go).lower(model).compile()
     compile_s = time.perf_counter() - begin
@@ -38,6 +46,7 @@ def ours(cells: int, switch: str) -> dict[str, float]:
     kinetic = np.asarray(kinetic_energy(plant, path))[:-1]  # the last node's velocity has one side only
     energy = kinetic + np.asarray(potential_energy(plant, path))[:-1]
     return {
+        "newton": float(path.iterations.mean()),
         "us": median_s(compiled, model) / (STEPS + 1) * 1e6,
         "compile": compile_s,
         "drift": float(constraint_error(plant, path).max()),
@@ -53,19 +62,26 @@ def main(cells: list[int]) -> None:
         on = ours(count, "on") if built() else None
         line = f"{count:>4} cells  {told('JAX', off)}"
         print(line + (f"  {told('kernel', on)}" if on else ""), flush=True)
+        loose = {}
+        if count <= LARGEST_LOOSE:
+            loose = {name: ours(count, switch, True) for name, switch in (("JAX", "off"), ("kernel", "on"))}
+            print(
+                "            1 mm at every pin: " + "  ".join(told(name, of) for name, of in loose.items()), flush=True
+            )
         for closure, integrator in SETTINGS if count <= LARGEST_MUJOCO else ():
             peer = time_mujoco_scissor(count, closure=closure, integrator=integrator)
             ratios = f"kernel {on['us'] / peer['step_us']:.2f}x, " if on else ""
             print(
                 f"            MuJoCo {closure}, {integrator:12s} {peer['step_us']:6.0f} ({peer['loop_error_m']:.0e} m, "
-                f"energy {peer['energy_error']:.0e}): {ratios}JAX {off['us'] / peer['step_us']:.2f}x",
+                f"energy {peer['energy_error']:.0e}): {ratios}JAX {off['us'] / peer['step_us']:.2f}x"
+                + "".join(f", loose {name} {of['us'] / peer['step_us']:.2f}x" for name, of in loose.items()),
                 flush=True,
             )
 
 
 def told(name: str, of: dict[str, float]) -> str:
     """One way's figures."""
-    held = f"{of['drift']:.0e} m, energy {of['energy']:.0e}, compile {of['compile']:.1f} s"
+    held = f"{of['drift']:.0e} m, energy {of['energy']:.0e}, compile {of['compile']:.1f} s, Newton {of['newton']:.1f}"
     return f"{name} {of['us']:6.0f} ({held})"
 
 

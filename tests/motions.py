@@ -43,10 +43,11 @@ def move(
     steps: int,
     record: Record | None = None,
     tolerance: float = TOLERANCE,
+    halvings: int = 0,
 ) -> Motion:
-    """From the drawn pose with a velocity; every argument but `steps` is an array, so that programs are shared."""
+    """From the drawn pose with a velocity; every argument but the counts is an array, so that programs are shared."""
     plant = system(model, tolerance)
-    path = rollout(plant, Start(drawn_pose(model, plant), velocity), step_s, steps, record)
+    path = rollout(plant, Start(drawn_pose(model, plant), velocity), step_s, steps, record, halvings)
     return Motion(
         path,
         invariants.kinetic_energy(plant, path),
@@ -61,12 +62,16 @@ _compiled = eqx.filter_jit(move)
 
 
 def follow(
-    model: Model, step_s: float, steps: int, velocity: np.ndarray | None = None, record: Record | None = None
+    model: Model,
+    step_s: float,
+    steps: int,
+    velocity: np.ndarray | None = None,
+    record: Record | None = None,
+    halvings: int = 0,
 ) -> Motion:
     """The motion from the drawn pose, at rest unless a velocity is given."""
-    motion = _compiled(
-        model, still(model) if velocity is None else jnp.asarray(velocity), jnp.asarray(step_s), steps, record
-    )
+    begin = still(model) if velocity is None else jnp.asarray(velocity)
+    motion = _compiled(model, begin, jnp.asarray(step_s), steps, record, halvings=halvings)
     return jax.tree.map(np.asarray, motion)
 
 

@@ -44,6 +44,7 @@ def vocabulary() -> dict[str, Any]:
                     "joint_types": list(declared.joint_types) if declared.joint_types else None,
                     "drawn": declared.drawn,
                     "by_name": declared.by_name,
+                    "at_least": declared.at_least,
                 }
                 for name, declared in effect.declarations().items()
             },

@@ -34,6 +34,8 @@ class Declaration:
     """Its usual size, in natural sizes of its unit."""
     by_name: bool = False
     """Whether a fit frees it only when it is named."""
+    at_least: str | None = None
+    """Another parameter of the effect that a drawing must not give more than this one."""
 
 
 @dataclasses.dataclass(frozen=True)

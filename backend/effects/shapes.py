@@ -26,6 +26,14 @@ class AbstractDryFriction(AbstractEffect):
         """Largest effort [N m or N] under a radial reaction `load` [N]; pin_radius in m."""
 
 
+class AbstractRateFriction(AbstractEffect):
+    """Effort against a joint's motion up to a limit that changes with the joint's rate."""
+
+    @abstractmethod
+    def limit(self, rate: Scalar) -> Scalar:
+        """Largest effort [N m or N] at a rate of either sign [rad/s or m/s]."""
+
+
 class AbstractJointEffort(AbstractEffect):
     """Effort along a joint's coordinate that depends on where the joint is."""
 
@@ -88,6 +96,18 @@ class AbstractJointClearance(AbstractEffect):
     @abstractmethod
     def wall(self) -> Wall:
         """How the hole answers the pin."""
+
+
+class AbstractSection(AbstractEffect):
+    """A spring hinge inside a body, which `backend.model.flexible` cuts in two there."""
+
+    @abstractmethod
+    def stiffness(self) -> Scalar:
+        """Against bending [N m/rad]."""
+
+    @abstractmethod
+    def damping(self) -> Scalar:
+        """Against the rate of bending [N m s/rad]."""
 
 
 class AbstractJointMotion(AbstractEffect):

@@ -21,6 +21,8 @@ from backend.mechanism.study import Tolerance
 
 Address = tuple[str, str]
 SMALL_PLAY_M = 1e-4  # where a fit begins to look for play that the drawing does not mention
+SMALL_BEND_RAD = 1e-2  # by which a link's own weight at half its length bends it where a fit begins to look for bending
+GRAVITY_M_PER_S2 = 9.80665
 GRAMMAR = "Write KIND:ON or KIND:ON.PARAMETER, such as viscous_friction:j1 or coulomb_friction:*"
 
 
@@ -178,11 +180,19 @@ class _Reader:
         )
 
     def _drawn(self, kind: EffectKind, place: str) -> dict[str, ParameterValue]:
-        """What the place's own fit says about the parameters of a new effect."""
+        """What the place itself says about the parameters of a new effect."""
+        if kind.name == "link_flexibility":
+            return {"stiffness_n_m_per_rad": self._limp(place)}
         joint = next((j for j in self.mechanism.joints if j.id == place), None)
-        wanted = [spec for spec in kind.parameters.values() if spec.drawn]
-        values = {spec.name: getattr(joint.fit, spec.drawn)() if joint and joint.fit else None for spec in wanted}
+        wanted = [(spec.name, spec.drawn) for spec in kind.parameters.values() if spec.drawn]
+        values = {name: getattr(joint.fit, method)() if joint and joint.fit else None for name, method in wanted}
         return {name: SMALL_PLAY_M if value is None else value for name, value in values.items()}
+
+    def _limp(self, place: str) -> float:
+        """Stiffness of a link that bends a little [N m/rad]: its default, rigid, shows a search no way to go."""
+        inertial = self.mechanism.body(place).moving_inertial()
+        length = float(np.sqrt(12 * inertial.inertia_kg_m2.principal_moments()[-1] / inertial.mass_kg))
+        return 0.5 * inertial.mass_kg * GRAVITY_M_PER_S2 * length / SMALL_BEND_RAD
 
     def _parameter(self, kind, places, label, spec: ParameterSpec, addresses: list[Address]) -> FreeParameter:
         drawn = {e.id: e for e in (*self.mechanism.effects, *self.added.values())}

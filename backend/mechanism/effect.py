@@ -112,6 +112,22 @@ def parameter_faults(
     return faults
 
 
+def order_faults(kind: EffectKind, parameters: Mapping[str, Any]) -> list[str]:
+    """Sentences about parameters that stand below another one that they must reach."""
+    faults = []
+    for spec in kind.parameters.values():
+        other = kind.parameters[spec.at_least] if spec.at_least else None
+        if other is None:
+            continue
+        value, least = (parameters.get(s.name, s.default) for s in (spec, other))
+        if value < least:
+            faults.append(
+                f"{spec.name} is {value:g} {spec.unit}, below {other.name}, which is {least:g}; "
+                f"swap them, or raise {spec.name}"
+            )
+    return faults
+
+
 def _joint_type_faults(
     kind: EffectKind, given: list[ParameterSpec], joints: Mapping[str, str], every: bool
 ) -> list[str]:

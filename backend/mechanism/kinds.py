@@ -21,6 +21,7 @@ class ParameterSpec:
 
     joint_types: the joint types where the name is the right one; None when every type with a coordinate will do.
     drawn: method of a joint's Fit that gives the value where none is written.  by_name: a fit frees it only by name.
+    at_least: another parameter that must not be larger.
     """
 
     name: str
@@ -33,6 +34,7 @@ class ParameterSpec:
     joint_types: tuple[str, ...] | None
     drawn: str | None = None
     by_name: bool = False
+    at_least: str | None = None
 
     def suits(self, joint_type: str) -> bool:
         """Whether this parameter means something at a joint of that type."""
@@ -76,6 +78,7 @@ def _parameter(name: str, spec: dict[str, Any]) -> ParameterSpec:
         joint_types=tuple(joint_types) if joint_types else None,
         drawn=spec.get("drawn"),
         by_name=spec.get("by_name", False),
+        at_least=spec.get("at_least"),
     )
 
 

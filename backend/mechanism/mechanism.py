@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from backend.mechanism.body import Body
 from backend.mechanism.drawing_error import DrawingError, known
-from backend.mechanism.effect import Effect, kind_named, missing_parameters, parameter_faults
+from backend.mechanism.effect import Effect, kind_named, missing_parameters, order_faults, parameter_faults
 from backend.mechanism.joint import Joint
 from backend.mechanism.kinds import EffectKind
 from backend.mechanism.marker import Marker
@@ -123,7 +123,8 @@ def effect_faults(mechanism: Mechanism, effect: Effect) -> list[str]:
     if kind.acts_on == "joint":
         named = effect.on == "all"
         joints = {joint.id: joint.type for joint in mechanism.joints if named or joint.id in effect.on}
-    faults += parameter_faults(kind, effect.parameters, joints, every=effect.on == "all")
+    wrong = parameter_faults(kind, effect.parameters, joints, every=effect.on == "all")
+    faults += wrong or order_faults(kind, effect.parameters)
     able = [joint for joint in mechanism.joints if joint.id in (joints or ()) and kind.suits(joint.type)]
     unfitted = [joint.id for joint in able if joint.fit is None or joint.fit.clearance_m() is None]
     if kind.acts_on == "bodies":

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from backend.mechanism.drawing_error import DrawingError, known
-from backend.mechanism.effect import ParameterValue, Places, kind_named, parameter_faults
+from backend.mechanism.effect import ParameterValue, Places, kind_named, order_faults, parameter_faults
 from backend.mechanism.mechanism import Mechanism, place_faults
 from backend.mechanism.part import Id, Part
 
@@ -130,7 +130,9 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
             effect = mechanism.effect(id)
             joints = {joint.id: joint.type for joint in mechanism.joints if joint.id in effect.on}
             every = effect.on == "all"
-            for fault in parameter_faults(kind_named(effect.kind), parameters, joints, every):
+            kind = kind_named(effect.kind)
+            faults = parameter_faults(kind, parameters, joints, every)
+            for fault in faults or order_faults(kind, {**effect.parameters, **parameters}):
                 yield f'{where}: override of effect "{id}": {fault}'
     for index, tolerance in enumerate(study.tolerances, start=1):
         where = f'tolerance {index} ("{tolerance.kind}")'

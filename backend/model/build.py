@@ -9,12 +9,20 @@ from jaxtyping import Float
 
 from backend.effects.catalogue import effect_of_kind
 from backend.effects.effect import TURNING, AbstractEffect, Declaration
-from backend.effects.shapes import AbstractBedFriction, AbstractLinkContact, AbstractStrut
+from backend.effects.shapes import (
+    AbstractBedFriction,
+    AbstractDrag,
+    AbstractLinkContact,
+    AbstractSection,
+    AbstractStrut,
+)
 from backend.joints.catalogue import catalogue, joint_of_type
 from backend.mechanism.body import Body
-from backend.mechanism.effect import Effect, ParameterValue
+from backend.mechanism.effect import Effect, ParameterValue, kind_named, order_faults
 from backend.mechanism.mechanism import Mechanism
 from backend.model.drawing import Drawing
+from backend.model.flexible import SECTION, split, whole
+from backend.model.lengthwise import Points, held_points, joint_points, length_axis
 from backend.model.model import Model, world_axis
 from backend.model.placed import Placed
 from backend.model.scale import STANDARD_GRAVITY, Scale
@@ -28,17 +36,21 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
 
     Raises ValueError naming joint types or effects that cannot be simulated yet, or what one of them lacks.
     """
+    drawn = [*mechanism.effects, *effects]
+    twice = sorted({e.id for e in drawn if sum(e.id == other.id for other in drawn) > 1})
+    if twice:
+        raise ValueError(f"effect id '{twice[0]}' is used twice; give each effect its own id")
+    for effect in drawn:
+        if effect_of_kind(effect.kind) and (faults := order_faults(kind_named(effect.kind), effect.parameters)):
+            raise ValueError(f"effect '{effect.id}': {faults[0]}")
+    uncut, mechanism = mechanism, split(mechanism, effects)
     moving = [b.id for b in mechanism.bodies if not b.fixed]
     fixed = [b.id for b in mechanism.bodies if b.fixed]
     if not moving:
         raise ValueError(f"nothing moves in '{mechanism.name}': every body is fixed; let at least one body move")
     for joint in mechanism.joints:
         joint_of_type(joint.type)
-    drawn = [*mechanism.effects, *effects]
-    twice = sorted({e.id for e in drawn if sum(e.id == other.id for other in drawn) > 1})
-    if twice:
-        raise ValueError(f"effect id '{twice[0]}' is used twice; give each effect its own id")
-    struts = [e for e in drawn if issubclass(effect_of_kind(e.kind), AbstractStrut)]
+    struts = [e for e in mechanism.effects if issubclass(effect_of_kind(e.kind), AbstractStrut)]
     topology = lay_out(
         moving,
         fixed,
@@ -47,9 +59,9 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
         [_pair(e, fixed) for e in drawn if issubclass(effect_of_kind(e.kind), AbstractLinkContact)],
     )
     bodies = [mechanism.body(id_) if id_ else None for id_ in topology.body_ids + topology.fixed_ids]
-    drawing = _drawing(mechanism, bodies)
+    drawing = _drawing(mechanism, bodies, uncut)
     poses = np.array([_pose(b) for b in bodies])
-    turning = [i for i, type_ in enumerate(topology.joint_types) if type_ in TURNING]
+    turning = [i for i in range(len(uncut.joints)) if topology.joint_types[i] in TURNING]
     axes_W = [_rotation(poses[topology.joints[i][0], 3:]) @ drawing.axes_a[i, :, 2] for i in turning]
     _check_bed(drawn, axes_W)
     up = -np.array(mechanism.gravity_m_per_s2, dtype=float)
@@ -57,13 +69,13 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     return Model(
         topology=topology,
         drawing=drawing,
-        effects=tuple(_batches(drawn, topology, mechanism)),
+        effects=tuple(_batches(mechanism.effects, topology, mechanism)),
         drawn_poses=jnp.asarray(poses),
         marker_points=jnp.array([m.position_m for m in mechanism.markers], dtype=float).reshape(-1, 3),
         marker_ids=tuple(m.id for m in mechanism.markers),
         marker_bodies=tuple(topology.slot(m.body) for m in mechanism.markers),
         view_axis=world_axis(jnp.asarray(np.array(axes_W))),
-        scale=_scale(mechanism, moving),
+        scale=_scale(uncut, [b.id for b in uncut.bodies if not b.fixed]),
     )
 
 
@@ -77,17 +89,17 @@ def _check_bed(drawn: Sequence[Effect], axes_W: list[np.ndarray]) -> None:
         )
 
 
-def _drawing(mechanism: Mechanism, bodies: list[Body | None]) -> Drawing:
+def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism) -> Drawing:
     inertial = [b.inertial if b else None for b in bodies]
     count = len(bodies)
-    points = _points(mechanism)
+    points = held_points(uncut)
     joints = mechanism.joints
     return Drawing(
         mass=jnp.array([i.mass_kg if i else 1.0 for i in inertial]),
         center_of_mass=jnp.array([i.center_of_mass_m if i else (0.0, 0.0, 0.0) for i in inertial]),
         inertia=jnp.array([i.inertia_kg_m2.matrix() if i else np.eye(3) for i in inertial]),
         stretch=jnp.tile(jnp.eye(3), (count, 1, 1)),
-        length_axis=jnp.array([_length_axis(points.get(b.id, [])) if b else (1.0, 0, 0) for b in bodies]),
+        length_axis=jnp.array([_length_axis(points, b) if b else (1.0, 0, 0) for b in bodies]),
         point_a=jnp.array([j.frame_a.position_m for j in joints], dtype=float).reshape(-1, 3),
         point_b=jnp.array([j.frame_b.position_m for j in joints], dtype=float).reshape(-1, 3),
         axes_a=jnp.array([_rotation(j.frame_a.quaternion_wxyz) for j in joints]).reshape(-1, 3, 3),
@@ -97,38 +109,12 @@ def _drawing(mechanism: Mechanism, bodies: list[Body | None]) -> Drawing:
     )
 
 
-def _joint_points(mechanism: Mechanism) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
-    """Where joints hold each body, and along which axis, in body axes."""
-    points: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {b.id: [] for b in mechanism.bodies}
-    for joint in mechanism.joints:
-        for body, frame in ((joint.body_a, joint.frame_a), (joint.body_b, joint.frame_b)):
-            points[body].append((np.array(frame.position_m), _rotation(frame.quaternion_wxyz)[:, 2]))
-    return points
+def _length_axis(points: dict[str, Points], body: Body) -> np.ndarray:
+    """Halves of a link that bends are stretched along the whole link."""
+    return length_axis(points[body.id if body.id in points else whole(body.id)])
 
 
-def _points(mechanism: Mechanism) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
-    """The same, and the centre of mass of a body with a single joint."""
-    points = _joint_points(mechanism)
-    for body in mechanism.bodies:
-        if body.inertial and len(points[body.id]) == 1:
-            points[body.id].append((np.array(body.inertial.center_of_mass_m), points[body.id][0][1]))
-    return points
-
-
-def _length_axis(points: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Direction in which a body's joints are spread, across their common axis."""
-    if len(points) < 2:
-        return np.array([1.0, 0.0, 0.0])
-    spread = np.array([p for p, _ in points]) - points[0][0]
-    axis = points[0][1]
-    across = spread - np.outer(spread @ axis, axis)
-    if np.abs(across).max() > 1e-9:
-        spread = across
-    direction = np.linalg.svd(spread)[2][0]
-    return direction if spread[np.abs(spread @ direction).argmax()] @ direction >= 0 else -direction
-
-
-def _batches(drawn: list[Effect], topology: Topology, mechanism: Mechanism) -> Iterable[Placed]:
+def _batches(drawn: Sequence[Effect], topology: Topology, mechanism: Mechanism) -> Iterable[Placed]:
     """All drawn effects, one batch per kind and structure, kinds in alphabetical order."""
     members = [one for e in drawn for one in _with_drawn_values(e, mechanism)]
     batches: dict[tuple, list[Effect]] = {}
@@ -168,10 +154,10 @@ def _with_drawn_values(member: Effect, mechanism: Mechanism) -> list[Effect]:
 def _with_capsules(member: Effect, missing: Iterable[str], mechanism: Mechanism) -> Effect:
     """A contact between links whose capsules reach from the first to the last joint of each body."""
     values, fixed = dict(member.parameters), [b.id for b in mechanism.bodies if b.fixed]
-    points = _joint_points(mechanism)
+    points = joint_points(mechanism)
     for letter, body in zip("ab", _pair(member, fixed), strict=True):
         ends = points[body]
-        along = _length_axis(ends)
+        along = length_axis(ends)
         places = sorted((p for p, _ in ends), key=lambda p: float(p @ along))
         for name, place in ((f"start_{letter}_m", 0), (f"end_{letter}_m", -1)):
             if name not in missing:
@@ -196,7 +182,14 @@ def _place(
             rows.append(row)
             places.append(place)
     leaves = {name: jnp.array([_value(m, name, d) for m in members]) for name, d in effect.declarations().items()}
-    return Placed(effect(**leaves, **structure), tuple(m.id for m in members), tuple(rows), tuple(places))
+    shares = tuple(_share(topology, place) for place in places) if issubclass(effect, AbstractDrag) else ()
+    return Placed(effect(**leaves, **structure), tuple(m.id for m in members), tuple(rows), tuple(places), shares)
+
+
+def _share(topology: Topology, place: tuple[int, ...]) -> float:
+    """Each half of a link that bends feels half of its drag."""
+    bodies = topology.body_ids + topology.fixed_ids
+    return 0.5 if whole(str(bodies[place[0]])) + SECTION in topology.joint_ids else 1.0
 
 
 def _places(
@@ -204,6 +197,8 @@ def _places(
 ) -> Iterable[tuple[int, ...]]:
     if effect.acts_on in ("world", "camera"):
         return [(topology.slots,)]
+    if issubclass(effect, AbstractSection):
+        return [(topology.joint_ids.index(id_ + SECTION),) for id_ in member.on]
     if effect.acts_on == "joint":
         return [(topology.joint_ids.index(id_),) for id_ in _joints_of(member, effect, mechanism)]
     if member.on == "all":
@@ -274,7 +269,7 @@ def _scale(mechanism: Mechanism, moving: list[str]) -> Scale:
     inertials = [mechanism.body(id_).inertial for id_ in moving]
     masses = [i.mass_kg for i in inertials if i]
     lengths = []
-    for points in _points(mechanism).values():
+    for points in held_points(mechanism).values():
         lengths += [float(np.linalg.norm(p - points[0][0])) for p, _ in points[1:]]
     gyration = [np.sqrt(np.trace(i.inertia_kg_m2.matrix()) / i.mass_kg) for i in inertials if i]
     long = [length for length in lengths if length > 1e-6] or gyration

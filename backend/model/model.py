@@ -9,7 +9,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from backend.effects.effect import AbstractEffect, Declaration
+from backend.effects.shapes import AbstractSection
 from backend.model.drawing import Drawing
+from backend.model.flexible import whole
 from backend.model.placed import Placed
 from backend.model.scale import Scale
 from backend.model.topology import Topology
@@ -95,6 +97,8 @@ class Model(eqx.Module):
         t = self.topology
         bodies = t.body_ids + t.fixed_ids
         names = t.joint_ids if placed.effect.acts_on == "joint" else bodies
+        if isinstance(placed.effect, AbstractSection):
+            names = tuple(map(whole, t.joint_ids))
         if placed.effect.acts_on in ("world", "camera"):
             return (placed.effect.acts_on,)
         return tuple(

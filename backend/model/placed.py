@@ -17,6 +17,8 @@ class Placed(eqx.Module):
     rows: tuple[int, ...] = eqx.field(static=True)
     places: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """Joint index (1), or body slots (1 or 2), of each place."""
+    shares: tuple[float, ...] = eqx.field(static=True, default=())
+    """Part of the effect that acts at each place; empty where it is all of it."""
 
     @property
     def here(self) -> AbstractEffect:

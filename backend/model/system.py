@@ -23,6 +23,8 @@ from backend.effects.shapes import (
     AbstractJointInertia,
     AbstractJointMotion,
     AbstractJointStop,
+    AbstractRateFriction,
+    AbstractSection,
     AbstractStrut,
     Capsule,
 )
@@ -62,6 +64,8 @@ class System(eqx.Module):
     """Whether any dry friction grows with the load."""
     driven: tuple[int, ...] = eqx.field(static=True)
     """Joints whose coordinate is prescribed."""
+    sections: tuple[int, ...] = eqx.field(static=True)
+    """Hinges inside links that bend."""
 
     mass: Float[Array, "slots"]
     inertia: Float[Array, "slots 3 3"]
@@ -91,6 +95,7 @@ class System(eqx.Module):
     forces: tuple[Placed, ...]
     drags: tuple[Placed, ...]
     efforts: tuple[Placed, ...]
+    rate_frictions: tuple[Placed, ...]
     motions: tuple[Placed, ...]
     struts: tuple[Placed, ...]
 
@@ -127,9 +132,10 @@ class System(eqx.Module):
         return np.isin(np.arange(len(self.coordinate)), self.driven)
 
     def centred(self) -> "System":
-        """The same with every loose pin held in the middle of its hole: how a motion's start is described."""
+        """The same with loose pins in the middle of their holes and links straight: how a start is described."""
         rigid = dataclasses.replace(self.contacts, loose=tuple(() for _ in self.contacts.loose))
-        return dataclasses.replace(self, contacts=rigid)
+        held = tuple((True,) * 6 if j in self.sections else rows for j, rows in enumerate(self.held))
+        return dataclasses.replace(self, contacts=rigid, held=held)
 
     def point(self, body: np.ndarray, p_BP: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
         """Drawn points of bodies (slots) -> from the centre of mass of the real part, in body axes."""
@@ -148,7 +154,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
     types = [joint_of_type(t) for t in topology.joint_types]
     limits = [_dry_limits(placed, drawing) for placed in model.of(AbstractDryFriction)]
     coordinate = [t.coordinate for t in types]
-    struts = model.of(AbstractStrut)
+    struts, sections = model.of(AbstractStrut), model.of(AbstractSection)
     anchors = [jax.vmap(lambda e: e.anchors())(placed.here) for placed in struts]
     slots, scale = topology.slots, model.scale
     center = jnp.einsum("bij,bj->bi", drawing.stretch, drawing.center_of_mass)
@@ -167,6 +173,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         ),
         load_dependent=any(_depends_on_load(placed) for placed in model.of(AbstractDryFriction)),
         driven=driven,
+        sections=tuple(sorted(int(j) for placed in sections for j in placed.at())),
         mass=drawing.mass[:slots],
         inertia=drawing.inertia[:slots],
         center_of_mass=center.at[slots:].set(0.0),
@@ -178,11 +185,11 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         axes_a=drawing.axes_a,
         axes_b=drawing.axes_b,
         compliance=jnp.zeros((joints, 6)),
-        damping=_total(joints, model.of(AbstractJointDamping), lambda e: e.damping()),
+        damping=_total(joints, [*model.of(AbstractJointDamping), *sections], lambda e: e.damping()),
         dry_limit=sum((limit for limit, _ in limits), jnp.zeros(joints)),
         dry_per_load=sum((slope for _, slope in limits), jnp.zeros(joints)),
         rotor=_total(joints, model.of(AbstractJointInertia), lambda e: e.inertia()),
-        stiffness=jnp.zeros(joints),
+        stiffness=_total(joints, sections, lambda e: e.stiffness()),
         rest=jnp.zeros(joints),
         stick_rate=STICK_RATE * jnp.where(sliding, scale.length_m, 1.0),
         barrier=BARRIER * scale.mass_kg * scale.gravity_m_per_s2 * scale.length_m,
@@ -193,6 +200,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         forces=(*_gravity(drawing, topology), *model.of(AbstractBodyForce)),
         drags=tuple(model.of(AbstractDrag)),
         efforts=tuple(model.of(AbstractJointEffort)),
+        rate_frictions=tuple(model.of(AbstractRateFriction)),
         motions=tuple(motions),
         struts=tuple(struts),
     )

@@ -44,7 +44,7 @@ def closed(system: System, reference: Pose, moved: BodyRows | None = None) -> Po
     """
     reference = lax.stop_gradient(reference)
     wanted = jnp.zeros((reference.position.shape[0], 6)) if moved is None else moved
-    return reference.advance(_close(system, reference, wanted).xi)
+    return reference.advance(_close(system.centred(), reference, wanted).xi)
 
 
 @jax.custom_jvp
@@ -179,14 +179,14 @@ def start(
     motions: from `free_motions` at the reference.  Differentiable in everything but the reference.
     """
     pose = closed(system, reference, jnp.einsum("bim,m->bi", motions, coordinates))
-    return Start(pose, _along(system, pose, jnp.einsum("bim,m->bi", motions, rates)).xi)
+    return Start(pose, _along(system.centred(), pose, jnp.einsum("bim,m->bi", motions, rates)).xi)
 
 
 def free_motions(system: System, pose: Pose) -> Float[np.ndarray, "slots 6 mobility"]:
     """Ways the closed mechanism can move at a pose: one ξ rate each, largest entry 1 (mechanism lengths or rad).
 
-    Loose pins stay in the middle of their holes.  The rank is decided by the largest gap in the spectrum of the held
-    rows (numpy, once per start).
+    Loose pins stay in the middle of their holes, links that bend stay straight.  The rank is decided by the largest gap
+    in the spectrum of the held rows (numpy, once per start).
     """
     return null_space(system.centred(), pose)
 

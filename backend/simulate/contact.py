@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from backend.model.contacts import ROUND_TIP, JointContacts
 
+STRIDE = 0.3  # of the room: a part that goes further in a step does not tell at q_k where it will touch
 TOUCHING = 4  # power of (|η| / room)² that tells a part at its wall from one in flight
 CREEP = 1e-3  # of the speed of a fall through one mechanism length: slower than this, give has no direction
 
@@ -89,10 +90,15 @@ def face(
     """
     d, tip = eta[:, :2], ROUND_TIP * room
     outward, length = _radial(contacts, d, tip)
+    back = here[:, :2] - d
+    reach = (STRIDE * room) ** 2
     near = jnp.clip(jnp.sum(here[:, :2] ** 2, -1) / room**2, 0.0, 1.0) ** TOUCHING
-    near = jnp.where(contacts.is_round, near, 0.0)[:, None]
-    normal, size = _radial(contacts, near * here[:, :2] + (1.0 - near) * d, tip)
-    bend = (jnp.eye(2) - normal[:, :, None] * normal[:, None, :]) * ((1.0 - near) / size[:, None])[:, :, None]
+    near = jnp.where(contacts.is_round, near * jnp.exp(-jnp.sum(back * back, -1) / reach), 0.0)
+    normal, size = _radial(contacts, d + near[:, None] * back, tip)
+    along_d = (1.0 - near)[:, None, None] * jnp.eye(2)
+    along_d = along_d + (2.0 * near / reach)[:, None, None] * back[:, :, None] * back[:, None, :]
+    across = (jnp.eye(2) - normal[:, :, None] * normal[:, None, :]) / size[:, None, None]
+    bend = jnp.sum(across[:, :, :, None] * along_d[:, None, :, :], 2)
     flat_gap = room - jnp.sum(normal * d, -1)
     gap = jnp.where(contacts.is_round, room * jnp.sqrt(1.0 + ROUND_TIP**2) - length, flat_gap)
     bend = jnp.where(contacts.is_round[:, None, None], bend, 0.0)
@@ -129,6 +135,17 @@ def residual(contacts: JointContacts, reach: Reach, eta: Array, push: Push, barr
         u, _, rounded = _sliding(reach, at, eta)
         rub = push.rub + contacts.friction * push.normal * u / rounded
     return Push(open_by, push.slack * push.normal - barrier, rub), force(contacts, at, push)
+
+
+def slid(contacts: JointContacts, reach: Reach, push: Push, off: Float[Array, "walls"]) -> Float[Array, "walls"]:
+    """By how much the sliding would have to differ for friction to be off by a residual [m].
+
+    A part that sticks pins the sliding down to a share of ε_v h long before friction's residual shows it.
+    """
+    limit = contacts.friction * push.normal
+    some = jnp.where(limit > 0.0, limit, 1.0)
+    mobilised = jnp.minimum(jnp.abs(push.rub - off) / some, 1.0 - 1e-12)
+    return jnp.where(limit > 0.0, jnp.abs(off) / some * reach.stick / jnp.sqrt(1.0 - mobilised**2), 0.0)
 
 
 def slope(contacts: JointContacts, reach: Reach, eta: Array, push: Push) -> Slope:

@@ -104,6 +104,7 @@ def frame(
     drive = Drive(
         step_s,
         weight,
+        forces.dry_limits(system, _expected_rate(system, motion, rows.jacobian)),
         step_s * blur * system.stick_rate,
         weight * forces.joint_efforts(system, motion.q),
         motion.rate,
@@ -127,6 +128,19 @@ def frame(
     )
 
 
+def _expected_rate(system: System, motion: Motion, jacobian: Array) -> Float[Array, "joints"]:
+    """Rates of the coordinates at q_k, from the two steps before.
+
+    Solving for them instead would let a limit that falls with the rate have several answers, between which Newton's
+    method circles once the fall outweighs the inertia within a step.
+    """
+    if not system.rate_frictions:
+        return motion.rate
+    velocity = motion.velocity + 0.5 * motion.before_s * motion.acceleration
+    rates = jnp.sum(jacobian * _of_pairs(system, system.topology.joints, velocity)[:, None, :], -1)
+    return law.displacement(system, rates)
+
+
 def _reach(
     system: System, motion: Motion, rows: Array, step_s: float | Array, weight: Array, blur: float | Array
 ) -> Reach:
@@ -138,7 +152,9 @@ def _reach(
     back = contact.gap(contacts, room, here) - step * motion.opening
     scale = system.scale
     fall = jnp.sqrt(scale.gravity_m_per_s2 * scale.length_m)
-    stick = step * blur * STICK_RATE * scale.length_m * jnp.ones(contacts.count)
+    # A pin's surface moves slower than the bar's end by radius over length: what creeps there shows at the end.
+    radius = contacts.selection[:, 2, TURN]
+    stick = step * blur * STICK_RATE * jnp.where(radius > 0.0, radius, scale.length_m)
     return Reach(room, here, back, step, 2 * step, weight, stick, contact.CREEP * fall)
 
 

@@ -55,6 +55,7 @@ def drag(system: System, placed: Bodies, velocity: BodyRows) -> BodyRows:
         which = group.at()
         wrench = jax.vmap(lambda e, v: e.wrench(v))(group.here, views(system, placed, velocity, which))
         rows = jnp.concatenate([wrench.force, apply_transposed(placed.rotation[which], wrench.torque)], -1)
+        rows = rows * jnp.array(group.shares)[:, None] if group.shares else rows
         total = total + collect(system.topology.sides_of(which[:, None]) // 2, rows)
     return total
 
@@ -74,6 +75,15 @@ def joint_efforts(system: System, q: Float[Array, "joints"]) -> Float[Array, "jo
     total = jnp.zeros_like(q)
     for group in system.efforts:
         total = total + group.summed(q.shape[0], jax.vmap(lambda e, x: e.effort(x))(group.here, q[group.at()]))
+    return total
+
+
+def dry_limits(system: System, rate: Float[Array, "joints"]) -> Float[Array, "joints"]:
+    """Limit of the dry friction at joints that carry nothing, at these rates of their coordinates [N m or N]."""
+    total = system.dry_limit
+    for group in system.rate_frictions:
+        limits = jax.vmap(lambda e, x: e.limit(x))(group.here, rate[group.at()])
+        total = total + group.summed(rate.shape[0], limits)
     return total
 
 

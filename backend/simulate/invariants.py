@@ -36,6 +36,7 @@ def potential_energy(system: System, trajectory: Trajectory) -> Float[Array, "no
             total += jnp.sum(jax.vmap(lambda e, a, b: e.potential(a, b))(group.here, *views))
         for group in system.efforts:
             total += jnp.sum(jax.vmap(lambda e, x: e.potential(x))(group.here, q[group.at()]))
+        total += 0.5 * jnp.sum(system.stiffness * (q - system.rest) ** 2)
         length, _ = forces.strut_lines(system, placed)
         first = 0
         for group in system.struts:

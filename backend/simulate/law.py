@@ -36,6 +36,8 @@ class Drive(NamedTuple):
     step_s: float | Array
     weight_s: Array
     """Time that the step's impulses stand for: half of the steps before and after q_k."""
+    dry_limit: Float[Array, "joints"]
+    """Limit of dry friction at q_k, without what the load adds [N m or N]."""
     stick: Float[Array, "joints"]
     """Displacement below which dry friction holds."""
     effort: Float[Array, "joints"]
@@ -183,7 +185,7 @@ def _smooth(system: System, drive: Drive, moved: Array) -> Array:
 
 
 def _dry_limit(system: System, drive: Drive, moved: Array, rows: Array) -> tuple[Array, Array]:
-    limit = drive.weight_s * system.dry_limit
+    limit = drive.weight_s * drive.dry_limit
     if system.load_dependent:
         limit = limit + system.dry_per_load * _load(system, drive, rows)
     return limit, jnp.sqrt(moved**2 + drive.stick**2)

@@ -9,8 +9,8 @@ from jax import lax
 from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
-from backend.model.system import System
-from backend.simulate import contact, kinematics, law, meeting
+from backend.model.system import TOLERANCE, System
+from backend.simulate import contact, kinematics, law, meeting, touch
 from backend.simulate.contact import Push
 from backend.simulate.equations import (
     Frame,
@@ -27,9 +27,11 @@ from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows, momentum
 
 MAX_ITERATIONS = 45
+OFF_PATH = 0.3  # share of the barrier that a wall's γ s may be off at the default tolerance: of forces that are nothing
+SLID = 0.1  # share of the sliding at which friction is half way, that sliding may be off at the default tolerance
 RESTART = 20  # iterations after which walls are opened and Newton's method begins again
 LARGEST_TURN = 1.0  # rad in one step: beyond it the quaternion step loses its inverse
-TO_BOUNDARY = 0.99  # fraction of the way to γ = 0 or s = 0 that an iteration may go
+TO_BOUNDARY = 0.999  # fraction of the way to γ = 0 or s = 0 that an iteration may go
 BARRIER_FALL = 0.1  # share of the walls' mean γ s that an iteration aims at, at best
 WARMTH = 10.0  # times the barrier that a wall's γ s starts with if it pushed before
 OPEN_HOLE, OPEN_STOP = 1e-2, 1e-3  # slack that walls start with: share of the room, and rad or m
@@ -73,10 +75,10 @@ def _newton(system: System, at: Frame, guess: Unknowns) -> tuple[Solved, kinemat
             unknowns = jax.tree.map(lambda z, fresh: jnp.where(again, fresh, z), unknowns, cold)
             fraction = jnp.where(again, 1.0, fraction)
         residual, rows = equations(system, at, unknowns, barrier)
-        return unknowns, residual, rows, iterations + 1, _size(system, at, residual, barrier), fraction
+        return unknowns, residual, rows, iterations + 1, _size(system, at, unknowns, residual, barrier), fraction
 
     residual, rows = equations(system, at, guess, barrier)
-    start = (guess, residual, rows, 0, _size(system, at, residual, barrier), jnp.ones(()))
+    start = (guess, residual, rows, 0, _size(system, at, guess, residual, barrier), jnp.ones(()))
     unknowns, _, rows, iterations, error, _ = lax.while_loop(unfinished, iterate, start)
     return Solved(unknowns, jnp.asarray(iterations), error), rows
 
@@ -179,7 +181,7 @@ def _barrier(system: System, at: Frame) -> Array:
     return system.barrier * at.step_s
 
 
-def _size(system: System, at: Frame, residual: Unknowns, barrier: Array) -> Float[Array, ""]:
+def _size(system: System, at: Frame, unknowns: Unknowns, residual: Unknowns, barrier: Array) -> Float[Array, ""]:
     """Largest residual as a displacement in mechanism lengths."""
     length = system.scale.length_m
     inertia = jnp.trace(system.inertia, axis1=1, axis2=2) / 3
@@ -190,11 +192,17 @@ def _size(system: System, at: Frame, residual: Unknowns, barrier: Array) -> Floa
     held = law.held(system)
     rows = jnp.abs(residual.impulses.rows) * jnp.where(held, row_scale, impulse)
     parts = [linear_part, turning, rows]
-    for push in (residual.impulses.walls, residual.impulses.touches):
+    now, left = unknowns.impulses, residual.impulses
+    groups = [(system.contacts, at.drive.reach, now.walls, left.walls)]
+    if system.touches.count:
+        groups.append((touch.walls(system), at.meeting.reach, now.touches, left.touches))
+    for contacts, reach, push, off in groups:
+        rub = jnp.abs(off.rub) * impulse * length
+        slid = TOLERANCE / SLID * contact.slid(contacts, reach, push, off.rub) / reach.stick
         parts += [
-            jnp.abs(push.normal) / length,
-            system.tolerance * jnp.abs(push.slack) / (1e-3 * barrier),
-            jnp.abs(push.rub) * impulse * length,
+            jnp.abs(off.normal) / length,
+            TOLERANCE / OFF_PATH * jnp.abs(off.slack) / barrier,
+            jnp.minimum(rub, slid),
         ]
     parts.append(jnp.abs(residual.impulses.pads) * impulse * length)
     return jnp.max(jnp.stack([jnp.max(part, initial=0.0) for part in parts]))

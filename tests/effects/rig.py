@@ -22,9 +22,10 @@ from tests.motions import move, still
 
 STEP_S, STEPS = 1e-3, 250
 STEPS_STRUCK = 100  # a few blows: more, and differences see how each sends the next
-WITHOUT_ABSENT = (  # a driven joint follows its value; a pin in a hole without play has a micrometre of it
+WITHOUT_ABSENT = (  # a driven joint follows its value; a hole without play has a micrometre; a bend is a hinge more
     "prescribed_motion",
     "clearance",
+    "link_flexibility",
 )
 GIVEN = {  # parameters that a drawing must give
     "applied_force": {"direction": [0.6, 0.8, 0.0], "point_m": [0.02, 0.01, 0.0]},
@@ -48,6 +49,11 @@ SIZES = {  # what is large enough to see in a quarter of a second, and not so la
     "upper": 1e3,
     "drag_area_m2": 0.05,
     "friction_coefficient": 0.2,
+    "friction_torque_n_m": 0.0005,
+    "static_torque_n_m": 0.0015,
+    "friction_force_n": 0.02,
+    "static_force_n": 0.025,
+    "stribeck_velocity_m_per_s": 0.1,
     "radius_a_m": 0.01,
     "radius_b_m": 0.012,
     "radial_m": 2e-4,

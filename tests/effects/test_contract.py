@@ -23,6 +23,7 @@ from backend.effects.shapes import (
     AbstractJointEffort,
     AbstractJointStop,
     AbstractLinkContact,
+    AbstractRateFriction,
     AbstractStrut,
     AbstractView,
 )
@@ -32,6 +33,7 @@ EFFECTS = catalogue()
 DISSIPATIVE = (
     AbstractJointDamping,
     AbstractDryFriction,
+    AbstractRateFriction,
     AbstractDrag,
     AbstractJointStop,
     AbstractJointClearance,
@@ -165,6 +167,15 @@ def test_a_friction_limit_is_linear_in_the_load_and_never_negative(kind):
     limits = np.array([effect.limit(jnp.asarray(load), radius) for load in (0.0, 1.0, 2.0)])
     assert (limits >= 0).all()
     assert limits[2] - limits[1] == pytest.approx(limits[1] - limits[0], rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("kind", of(AbstractRateFriction))
+def test_a_friction_limit_asks_how_fast_and_not_which_way_and_is_never_negative(kind):
+    rates = jnp.linspace(0.0, 3.0, 7)
+    limits, back = (np.asarray(jax.vmap(example(kind).limit)(sign * rates)) for sign in (1, -1))
+    assert (limits >= 0).all()
+    assert np.ptp(limits) > 0
+    np.testing.assert_array_equal(limits, back)
 
 
 @pytest.mark.parametrize("kind", of(AbstractView))

@@ -122,3 +122,12 @@ def test_a_motion_is_freed_at_the_joint_where_it_is_drawn(mechanism):
 def test_a_spec_that_cannot_be_read_says_what_can(mechanism, spec, sentence):
     with pytest.raises(ValueError, match=sentence):
         free_parameters(mechanism, [spec])
+
+
+def test_a_link_that_was_drawn_rigid_begins_to_bend_a_little(mechanism):
+    freedom = free_parameters(mechanism, ["link_flexibility:link1"])
+    stiffness, damping = freedom.parameters
+    length = np.sqrt(12.0)  # of the bar of 1 kg and 1 kg m²
+    assert stiffness.start == pytest.approx(0.5 * 9.80665 * length / 0.01)
+    assert damping.start == 0.0
+    assert freedom.added[0].on == ("link1",)

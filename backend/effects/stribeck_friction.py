@@ -1,0 +1,44 @@
+"""Dry friction that is larger before sliding than during it: greased slides, brakes, bowed strings."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from backend.effects.effect import TURNING, parameter
+from backend.effects.shapes import AbstractRateFriction
+
+SLIDING = ("prismatic",)
+
+
+class StribeckFriction(AbstractRateFriction):
+    """Effort against sliding that falls from a static to a sliding level: F_c + (F_s - F_c) exp(-(v / v_s)²).
+
+    Armstrong-Hélouvry, Dupont and Canudas de Wit (1994), section 2.2, with exponent 2.  The bounds on v_s keep it above
+    the rate at which dry friction holds (`STICK_RATE`), where a joint at rest would count as sliding.
+    """
+
+    kind = "stribeck_friction"
+    acts_on = "joint"
+    static_torque_n_m: Float[Array, ""] = parameter(
+        "N m", "torque at which turning begins", lower=0.0, joint_types=TURNING, at_least="friction_torque_n_m"
+    )
+    friction_torque_n_m: Float[Array, ""] = parameter("N m", "sliding torque", lower=0.0, joint_types=TURNING)
+    stribeck_velocity_rad_per_s: Float[Array, ""] = parameter(
+        "rad/s", "speed over which it falls", default=0.1, lower=1e-4, joint_types=TURNING
+    )
+    static_force_n: Float[Array, ""] = parameter(
+        "N", "force at which sliding begins", lower=0.0, joint_types=SLIDING, at_least="friction_force_n"
+    )
+    friction_force_n: Float[Array, ""] = parameter("N", "sliding force", lower=0.0, joint_types=SLIDING)
+    stribeck_velocity_m_per_s: Float[Array, ""] = parameter(
+        "m/s", "speed over which it falls", default=0.01, lower=1e-5, joint_types=SLIDING
+    )
+
+    def limit(self, rate):
+        """Torque level plus force level: a joint has only one of them."""
+        turning = _level(self.static_torque_n_m, self.friction_torque_n_m, rate / self.stribeck_velocity_rad_per_s)
+        sliding = _level(self.static_force_n, self.friction_force_n, rate / self.stribeck_velocity_m_per_s)
+        return turning + sliding
+
+
+def _level(static: Array, kinetic: Array, relative: Array) -> Array:
+    return kinetic + (static - kinetic) * jnp.exp(-(relative**2))
