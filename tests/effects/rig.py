@@ -1,6 +1,6 @@
 """One mechanism that carries every effect at once, so that one compiled program questions them all.
 
-What strikes stands in a second one: a wide difference of any parameter would move a blow into another step.
+What strikes stands alone: a wide difference of any other parameter would move a blow into another step.
 """
 
 from collections.abc import Iterable
@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from backend.effects.catalogue import catalogue
-from backend.effects.shapes import AbstractJointClearance
 from backend.model.build import build
 from backend.model.model import Address, Model
 from backend.model.state import Start, drawn_pose
@@ -86,14 +85,14 @@ def laden() -> Model:
 
 
 @cache
-def struck() -> Model:
-    """The mechanism with what strikes."""
-    return build(bead_on_bar(members(STRIKING)))
+def struck(kind: str) -> Model:
+    """The mechanism with one effect that strikes."""
+    return build(bead_on_bar(members([kind])))
 
 
 def carrier(kind: str) -> Model:
     """The mechanism that questions a kind."""
-    return struck() if kind in STRIKING else laden()
+    return struck(kind) if kind in STRIKING else laden()
 
 
 def sized(address: Address) -> float:
@@ -132,7 +131,7 @@ def seen(model: Model, values: dict):
     """Coordinates and poses of the moved mechanism, over time."""
     model = model.with_parameters(values)
     plant = system(model, 1e-13)  # differences by 1e-6 cannot bear the default's 1e-10
-    steps = STEPS_STRUCK if model.of(AbstractJointClearance) else STEPS
+    steps = STEPS_STRUCK if len(model.effects) == 1 else STEPS
     path = rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, steps)
     return jnp.concatenate([path.q.ravel(), path.pose.position.ravel()])
 
