@@ -99,7 +99,9 @@ def test_absent_means_zero_every_effect_at_its_default_leaves_the_motion_alone(f
 
 @pytest.mark.parametrize("kind", of(*DISSIPATIVE))
 def test_a_dissipative_effect_only_takes_energy(kind, free_fall):
-    motion = rig.motion(rig.carrier(kind).with_parameters(rig.present(kind)))
+    # A wall that gives holds energy for a while, and at a rebound the mean of both velocities has less than either.
+    values = {a: v for a, v in rig.present(kind).items() if a[1] not in ("stiffness_n_per_m", "restitution")}
+    motion = rig.motion(rig.carrier(kind).with_parameters(values))
     wobble = np.abs(free_fall.energy - free_fall.energy[0]).max()  # a symplectic step's own h² oscillation
     rise = np.max(motion.energy - np.minimum.accumulate(motion.energy))
     assert rise <= 3 * wobble
