@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from backend.model.contacts import ROUND_TIP, JointContacts
 
 STRIDE = 0.3  # of the room: a part that goes further in a step does not tell at q_k where it will touch
+NO_STRIDE = 1e-6  # keeps the slope finite where no stride is left
 TOUCHING = 4  # power of (|η| / room)² that tells a part at its wall from one in flight
 CREEP = 1e-3  # of the speed of a fall through one mechanism length: slower than this, give has no direction
 
@@ -47,6 +48,15 @@ class Reach(NamedTuple):
     stick: Float[Array, "walls"]
     """Sliding per step below which friction holds [m]."""
     creep: Float[Array, ""]
+    ease: Float[Array, "walls"]
+    """How far the two bodies alone would part for a unit of push in the step [m/(N s)]."""
+    stride: Array
+    """Share of the room within which a part at its wall is pushed along the normal at q_k; 0: never."""
+    load: Float[Array, "walls"]
+    """Push in the step before, if that limits friction [N s]."""
+    lagging: Array
+    """Whether it does."""
+    restitution: Float[Array, "walls"]
 
 
 class Face(NamedTuple):
@@ -81,7 +91,11 @@ class Slope(NamedTuple):
 
 
 def face(
-    contacts: JointContacts, room: Float[Array, "walls"], eta: Float[Array, "walls 3"], here: Float[Array, "walls 3"]
+    contacts: JointContacts,
+    room: Float[Array, "walls"],
+    eta: Float[Array, "walls 3"],
+    here: Float[Array, "walls 3"],
+    stride: float | Array = STRIDE,
 ) -> Face:
     """Gap at η and directions of the forces between `here` and η; a circle's gap is zero exactly where |η₁₂| = room.
 
@@ -91,9 +105,9 @@ def face(
     d, tip = eta[:, :2], ROUND_TIP * room
     outward, length = _radial(contacts, d, tip)
     back = here[:, :2] - d
-    reach = (STRIDE * room) ** 2
+    reach = (jnp.maximum(stride, NO_STRIDE) * room) ** 2
     near = jnp.clip(jnp.sum(here[:, :2] ** 2, -1) / room**2, 0.0, 1.0) ** TOUCHING
-    near = jnp.where(contacts.is_round, near * jnp.exp(-jnp.sum(back * back, -1) / reach), 0.0)
+    near = jnp.where(contacts.is_round & (stride > 0.0), near * jnp.exp(-jnp.sum(back * back, -1) / reach), 0.0)
     normal, size = _radial(contacts, d + near[:, None] * back, tip)
     along_d = (1.0 - near)[:, None, None] * jnp.eye(2)
     along_d = along_d + (2.0 * near / reach)[:, None, None] * back[:, :, None] * back[:, None, :]
@@ -111,9 +125,35 @@ def _radial(contacts: JointContacts, d: Float[Array, "walls 2"], tip: Array) -> 
     return jnp.where(contacts.is_round[:, None], d / length[:, None], contacts.normal), length
 
 
+def _faced(contacts: JointContacts, reach: Reach, eta: Array) -> Face:
+    """Geometry at η; friction that lags keeps its direction too."""
+    at = face(contacts, reach.room, eta, reach.here, reach.stride)
+    n, _ = _radial(contacts, reach.here[:, :2], ROUND_TIP * reach.room)
+    return at._replace(along=jnp.where(reach.lagging, jnp.stack([-n[:, 1], n[:, 0]], -1), at.along))
+
+
 def gap(contacts: JointContacts, room: Float[Array, "walls"], eta: Float[Array, "walls 3"]) -> Float[Array, "walls"]:
     """Gap at η."""
     return face(contacts, room, eta, eta).gap
+
+
+def along_path(reach: Reach, push: Push, change: Push, share: float | Array, barrier: Array) -> Push:
+    """Push and slack moved along the curve s γ = κ.
+
+    The curve is walked by z = a γ - s (Chen and Mangasarian 1996; a the ease): far from its bend z is the push or
+    minus the slack, so that a wall is left or reached in one stride, and neither ever turns negative.
+    """
+    z = reach.ease * (push.normal + share * change.normal) - (push.slack + share * change.slack)
+    return on_path(reach, z, push.rub + share * change.rub, barrier)
+
+
+def on_path(reach: Reach, z: Float[Array, "walls"], rub: Float[Array, "walls"], barrier: Array) -> Push:
+    """Push and slack whose product is the barrier."""
+    root = jnp.sqrt(z * z + 4.0 * reach.ease * barrier)
+    larger = 0.5 * (jnp.abs(z) + root)
+    smaller = reach.ease * barrier / larger
+    pushed, slack = jnp.where(z > 0.0, larger, smaller), jnp.where(z > 0.0, smaller, larger)
+    return Push(pushed / reach.ease, slack, rub)
 
 
 def force(contacts: JointContacts, at: Face, push: Push) -> Float[Array, "walls 3"]:
@@ -127,13 +167,13 @@ def force(contacts: JointContacts, at: Face, push: Push) -> Float[Array, "walls 
 
 def residual(contacts: JointContacts, reach: Reach, eta: Array, push: Push, barrier: Array) -> tuple[Push, Array]:
     """How far gap, complementarity and friction are from their laws, and the impulse on η."""
-    at = face(contacts, reach.room, eta, reach.here)
+    at = _faced(contacts, reach, eta)
     gap, _, give, _ = _slack(contacts, reach, at, push)
     open_by = gap + give * push.normal - push.slack
     rub = push.rub
     if contacts.rubs:
         u, _, rounded = _sliding(reach, at, eta)
-        rub = push.rub + contacts.friction * push.normal * u / rounded
+        rub = push.rub + _limit(contacts, reach, push) * u / rounded
     return Push(open_by, push.slack * push.normal - barrier, rub), force(contacts, at, push)
 
 
@@ -142,7 +182,7 @@ def slid(contacts: JointContacts, reach: Reach, push: Push, off: Float[Array, "w
 
     A part that sticks pins the sliding down to a share of ε_v h long before friction's residual shows it.
     """
-    limit = contacts.friction * push.normal
+    limit = _limit(contacts, reach, push)
     some = jnp.where(limit > 0.0, limit, 1.0)
     mobilised = jnp.minimum(jnp.abs(push.rub - off) / some, 1.0 - 1e-12)
     return jnp.where(limit > 0.0, jnp.abs(off) / some * reach.stick / jnp.sqrt(1.0 - mobilised**2), 0.0)
@@ -150,10 +190,10 @@ def slid(contacts: JointContacts, reach: Reach, push: Push, off: Float[Array, "w
 
 def slope(contacts: JointContacts, reach: Reach, eta: Array, push: Push) -> Slope:
     """Slope of the laws at a point; friction's is the primal-dual one of Chan, Golub and Mulet (1999)."""
-    at = face(contacts, reach.room, eta, reach.here)
+    at = _faced(contacts, reach, eta)
     _, closing, give, give_slope = _slack(contacts, reach, at, push)
     gamma, s = push.normal, push.slack
-    weight = -1.0 / (1.0 + contacts.restitution)
+    weight = -1.0 / (1.0 + reach.restitution)
     ahead = (weight + gamma * give_slope * closing)[:, None] * at.outward
     ahead = jnp.concatenate([ahead, jnp.zeros_like(ahead[:, :1])], -1)
     room = s + gamma * give
@@ -165,12 +205,12 @@ def slope(contacts: JointContacts, reach: Reach, eta: Array, push: Push) -> Slop
     b, sliding = jnp.zeros_like(a), zero
     if contacts.rubs:
         u, d, rounded = _sliding(reach, at, eta)
-        limit = contacts.friction * gamma
+        limit = _limit(contacts, reach, push)
         rub = jnp.clip(push.rub, -limit, limit)
-        turned = jnp.stack([at.bend[:, 1], -at.bend[:, 0]], 1)  # d along / d η = (-bend₂, bend₁), so -turned
+        turned = jnp.where(reach.lagging, 0.0, 1.0) * jnp.stack([at.bend[:, 1], -at.bend[:, 0]], 1)  # d along / d η = (-bend₂, bend₁), so -turned
         slip = at.along - jnp.sum(turned * d[:, :, None], 1)
         slip = jnp.concatenate([slip, jnp.ones_like(slip[:, :1])], -1)
-        sliding = contacts.friction * u / rounded
+        sliding = jnp.where(reach.lagging, 0.0, contacts.friction) * u / rounded
         b = ((limit + rub * u / rounded) / rounded)[:, None] * slip - sliding[:, None] * a
         along = jnp.concatenate([at.along, jnp.ones_like(slip[:, :1])], -1)
         stiffness = stiffness + along[:, :, None] * b[:, None, :]
@@ -194,9 +234,14 @@ def respond(contacts: JointContacts, at: Slope, deta: Float[Array, "walls 3"]) -
     return Push(gamma, slack, -jnp.sum(at.b * deta, -1))
 
 
+def _limit(contacts: JointContacts, reach: Reach, push: Push) -> Float[Array, "walls"]:
+    """Largest friction impulse."""
+    return contacts.friction * jnp.where(reach.lagging, reach.load, push.normal)
+
+
 def _slack(contacts: JointContacts, reach: Reach, at: Face, push: Push) -> tuple[Array, Array, Array, Array]:
     """Weighted gap, d(closing speed)/d(η along the normal), give per impulse, and its slope in the closing speed."""
-    e = contacts.restitution
+    e = reach.restitution
     gap = (at.gap + e * reach.back) / (1.0 + e)
     closing = (reach.back - at.gap) / reach.span_s
     sharp = jnp.sqrt(closing**2 + reach.creep**2)

@@ -23,6 +23,10 @@ from backend.simulate.momentum import BodyRows, momentum, momentum_slope
 from backend.simulate.small import apply
 
 
+LAGGING = 1e2
+INELASTIC = 1.0
+
+
 class Motion(eqx.Module):
     """All that the next step needs to know."""
 
@@ -110,7 +114,7 @@ def frame(
         motion.rate,
         motion.q,
         jnp.where(system.is_driven, target - motion.q, 0.0),
-        _reach(system, motion, rows.value, step_s, weight, blur),
+        _reach(system, motion, rows, step_s, weight, blur),
     )
     return Frame(
         step_s,
@@ -142,20 +146,34 @@ def _expected_rate(system: System, motion: Motion, jacobian: Array) -> Float[Arr
 
 
 def _reach(
-    system: System, motion: Motion, rows: Array, step_s: float | Array, weight: Array, blur: float | Array
+    system: System,
+    motion: Motion,
+    rows: kinematics.Rows,
+    step_s: float | Array,
+    weight: Array,
+    blur: float | Array,
 ) -> Reach:
     """What the walls see of q_k; an end of travel counts from where the coordinate is."""
     contacts, step = system.contacts, jnp.asarray(step_s)
-    here = law.at_walls(system, jnp.where(system.coordinate_rows, 0.0, rows))
+    here = law.at_walls(system, jnp.where(system.coordinate_rows, 0.0, rows.value))
     travelled = contacts.normal[:, 0] * motion.q[contacts.at]
     room = jnp.where(np.array(contacts.travels, dtype=bool), contacts.room - travelled, contacts.room)
     back = contact.gap(contacts, room, here) - step * motion.opening
+    e = jnp.where(blur > INELASTIC, 0.0, contacts.restitution)
+    # Within a hole a gap is at most the room, however far a part would have flown in the step before.
+    soft = (1.0 + e * e) / jnp.maximum(e * e, 1e-6)  # of the give on the way out, twice over
+    pressed = soft * contacts.give / weight * motion.impulses.walls.normal
+    back = jnp.where(contacts.is_round, jnp.clip(back, -jnp.where(blur > 1.0, 0.0, 0.5 * room) - pressed, room), back)
     scale = system.scale
     fall = jnp.sqrt(scale.gravity_m_per_s2 * scale.length_m)
     # A pin's surface moves slower than the bar's end by radius over length: what creeps there shows at the end.
     radius = contacts.selection[:, 2, TURN]
     stick = step * blur * STICK_RATE * jnp.where(radius > 0.0, radius, scale.length_m)
-    return Reach(room, here, back, step, 2 * step, weight, stick, contact.CREEP * fall)
+    load = motion.impulses.walls.normal * step / jnp.maximum(motion.before_s, step)
+    stride = jnp.where(blur > 1.0, 0.0, contact.STRIDE)
+    walled = jnp.einsum("cri,cik->crk", contacts.selection[:, :2], rows.jacobian[contacts.at])
+    ease = step * kinematics.ease(system, walled, system.pairs[contacts.at]) + contacts.give / weight
+    return Reach(room, here, back, step, 2 * step, weight, stick, contact.CREEP * fall, ease, stride, load, blur > LAGGING, e)
 
 
 def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> tuple[Unknowns, kinematics.Rows]:

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from backend.frames import quaternion
@@ -82,6 +83,13 @@ def turned(system: System, xi: Float[Array, "slots 6"]) -> Float[Array, "joints"
     a, b = system.pairs.T
     phi = jnp.concatenate([xi[:, 3:], jnp.zeros_like(system.fixed_position)])
     return dot(system.axes_b[:, :, 2], phi[b]) - dot(system.axes_a[:, :, 2], phi[a])
+
+
+def ease(system: System, rows: Float[Array, "n k 12"], pairs: np.ndarray) -> Float[Array, "n"]:
+    """Inverse of the mass that two free bodies oppose to a push along their rows, the largest of k; fixed bodies do not move."""
+    share = jnp.stack([1.0 / system.mass, 3.0 / jnp.trace(system.inertia, axis1=1, axis2=2)], -1).repeat(3, -1)
+    both = jnp.concatenate([share, jnp.zeros((1, 6))])[np.minimum(pairs, system.topology.slots)].reshape(-1, 1, 12)
+    return jnp.max(jnp.sum(rows * rows * both, -1), -1)
 
 
 def coordinates(system: System, placed: Bodies) -> Float[Array, "joints"]:

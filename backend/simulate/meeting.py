@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from backend.model.system import STICK_RATE, System
-from backend.simulate import contact, forces, touch
+from backend.simulate import contact, forces, kinematics, touch
 from backend.simulate.contact import Push, Reach
 from backend.simulate.kinematics import Bodies
 from backend.simulate.law import Impulses
@@ -55,7 +55,9 @@ def meet(
     fall = jnp.sqrt(scale.gravity_m_per_s2 * scale.length_m)
     back = near.gap - step * parting
     sticks = stick * jnp.ones_like(near.gap)
-    reach = Reach(near.gap, none, back, step, 2 * step, weight, sticks, contact.CREEP * fall)
+    walls = touch.walls(system)
+    ease = step * kinematics.ease(system, near.rows[:, :1], _places(system)) + walls.give / jnp.maximum(weight, 1e-300)
+    reach = Reach(near.gap, none, back, step, 2 * step, weight, sticks, contact.CREEP * fall, ease, jnp.zeros(()), jnp.zeros_like(near.gap), jnp.zeros((), dtype=bool), walls.restitution)
     return Meeting(near.rows, reach, _pad_rows(system, bodies), weight * system.pads.grip, stick)
 
 

@@ -20,6 +20,7 @@ from backend.simulate.step import SOLUTION, Solved, step
 
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
 BLUR = 10.0  # per cut, on the rate below which friction holds: where sticking is undecided, 1 µm of creep decides
+BLURRED = 6
 UNSOLVED = 10.0  # times the tolerance: a step that leaves more is cut in two
 
 
@@ -176,7 +177,7 @@ def _cut_step(
     def attempt(now: _Attempt) -> _Attempt:
         share = 0.5**now.cuts
         along = motion.q + (now.done + share) * (target - motion.q)
-        after, solved = step(system, now.motion, share * step_s, along, BLUR**now.cuts)
+        after, solved = step(system, now.motion, share * step_s, along, BLUR ** jnp.minimum(now.cuts, BLURRED))
         last = now.cuts == halvings
         failed = _failed(solved, jnp.where(last, LOST, UNSOLVED * system.tolerance))
         node = _node(now.motion, after, solved, share * step_s, now.gone)

@@ -40,7 +40,7 @@ Solve = Literal["compliance", "reduced"]
 
 
 _march = eqx.filter_jit(march)
-HALVINGS = 6  # times a step may be cut in two before the motion is lost
+HALVINGS = 10  # times a step may be cut in two before the motion is lost
 _depart = eqx.filter_jit(depart)
 _closed = eqx.filter_jit(closed)
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.system import TOLERANCE, System
 from backend.simulate import contact, kinematics, law, meeting, touch
-from backend.simulate.contact import Push
+from backend.simulate.contact import Push, Reach
 from backend.simulate.equations import (
     Frame,
     Motion,
@@ -27,14 +27,17 @@ from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows, momentum
 
 MAX_ITERATIONS = 45
-OFF_PATH = 0.3  # share of the barrier that a wall's γ s may be off at the default tolerance: of forces that are nothing
 SLID = 0.1  # share of the sliding at which friction is half way, that sliding may be off at the default tolerance
-RESTART = 20  # iterations after which walls are opened and Newton's method begins again
+PATIENCE = 15
+FIRST = 30
+STAGES = 20
+HAZIEST = 1e4
+SOFTEST = 1e8
+FALL = 0.1
+LOOSE = 1e-6
 LARGEST_TURN = 1.0  # rad in one step: beyond it the quaternion step loses its inverse
-TO_BOUNDARY = 0.999  # fraction of the way to γ = 0 or s = 0 that an iteration may go
-BARRIER_FALL = 0.1  # share of the walls' mean γ s that an iteration aims at, at best
-WARMTH = 10.0  # times the barrier that a wall's γ s starts with if it pushed before
-OPEN_HOLE, OPEN_STOP = 1e-2, 1e-3  # slack that walls start with: share of the room, and rad or m
+ENOUGH = 1e-4  # share of the linear fall of the merit that a step must bring
+SHORTEST = 0.02  # share of an iteration's change below which no better point is sought
 SOLUTION = "solution of a step"  # all that a derivative backwards in time keeps of it
 
 
@@ -52,35 +55,119 @@ def close(system: System, at: Frame, guess: Unknowns) -> Solved:
     return _newton(system, at, guess)[0]
 
 
-def _newton(system: System, at: Frame, guess: Unknowns) -> tuple[Solved, kinematics.Rows]:
+class _Walk(NamedTuple):
+    """Where Newton's method stands."""
+
+    unknowns: Unknowns
+    residual: Unknowns
+    rows: kinematics.Rows
+    iterations: Array
+    error: Array
+    merit: Array
+
+
+class _Stage(NamedTuple):
+    """A problem on the way from one that is soft to the one that is asked."""
+
+    walk: _Walk
+    softness: Array
+    known: Unknowns
+    """Solution of the last stage that was solved, and its softness."""
+    reached: Array
+    fall: Array
+    """Factor on the softness from stage to stage."""
+    left: Array
+
+
+def _newton(system: System, given: Frame, guess: Unknowns) -> tuple[Solved, kinematics.Rows]:
     """The solution, and the joints' rows there."""
-    barrier = _barrier(system, at)
-    interior = bool(system.contacts.count or system.touches.count)
-    cold = _opened(system, at, guess, jnp.inf) if interior else guess
+    def softened(softness: float | Array) -> tuple[Frame, Array]:
+        return blurred(given, softness), _barrier(system, given) * jnp.minimum(softness, HAZIEST)
 
-    def unfinished(carry: tuple) -> Bool[Array, ""]:
-        _, _, _, iterations, error, _ = carry
-        return (error > system.tolerance) & (iterations < MAX_ITERATIONS)
-
-    def iterate(carry: tuple) -> tuple:
-        unknowns, residual, rows, iterations, _, fraction = carry
-        if interior:
-            residual = residual._replace(impulses=_centred(unknowns.impulses, residual.impulses, fraction, barrier))
-        change = direction(system, linearise(system, at, unknowns, rows), residual)
-        fraction = _fraction(unknowns.impulses, change.impulses) if interior else fraction
-        unknowns = jax.tree.map(lambda z, dz: z + fraction * dz, unknowns, change)
-        unknowns = unknowns._replace(xi=_shortened(unknowns.xi))
-        if interior:
-            again = iterations + 1 == RESTART
-            unknowns = jax.tree.map(lambda z, fresh: jnp.where(again, fresh, z), unknowns, cold)
-            fraction = jnp.where(again, 1.0, fraction)
+    def looked(softness: float | Array, unknowns: Unknowns, iterations: int | Array) -> _Walk:
+        at, barrier = softened(softness)
         residual, rows = equations(system, at, unknowns, barrier)
-        return unknowns, residual, rows, iterations + 1, _size(system, at, unknowns, residual, barrier), fraction
+        error, merit = _size(system, at, unknowns, residual, barrier)
+        return _Walk(unknowns, residual, rows, jnp.asarray(iterations), error, merit)
 
-    residual, rows = equations(system, at, guess, barrier)
-    start = (guess, residual, rows, 0, _size(system, at, guess, residual, barrier), jnp.ones(()))
-    unknowns, _, rows, iterations, error, _ = lax.while_loop(unfinished, iterate, start)
-    return Solved(unknowns, jnp.asarray(iterations), error), rows
+    def walked(
+        softness: float | Array, begin: Unknowns, iterations: int | Array, last: int | Array, enough: float | Array
+    ) -> _Walk:
+        at, barrier = softened(softness)
+
+        def unfinished(now: _Walk) -> Bool[Array, ""]:
+            return (now.error > enough) & (now.iterations < last)
+
+        def iterate(now: _Walk) -> _Walk:
+            change = direction(system, linearise(system, at, now.unknowns, now.rows), now.residual)
+
+            def tried(share: Array) -> _Walk:
+                return looked(softness, _moved(at, now.unknowns, change, share, barrier), now.iterations + 1)
+
+            if not interior:
+                return tried(jnp.ones(()))
+
+            def short(carry: tuple[Array, _Walk]) -> Bool[Array, ""]:
+                share, then = carry
+                return (then.merit > (1.0 - ENOUGH * share) * now.merit) & (share > SHORTEST) & (then.error > enough)
+
+            def shorter(carry: tuple[Array, _Walk]) -> tuple[Array, _Walk]:
+                share = 0.5 * carry[0]
+                return share, tried(share)
+
+            nowhere = now._replace(merit=jnp.inf * jnp.ones(()), error=jnp.inf * jnp.ones(()))
+            return lax.while_loop(short, shorter, (2.0 * jnp.ones(()), nowhere))[1]
+
+        begin = _moved(at, begin, jax.tree.map(jnp.zeros_like, begin), 0.0, barrier)
+        return lax.while_loop(unfinished, iterate, looked(softness, begin, iterations))
+
+    interior = bool(system.contacts.count or system.touches.count)
+    if not interior:
+        end = walked(1.0, guess, 0, MAX_ITERATIONS, system.tolerance)
+        return Solved(end.unknowns, end.iterations, end.error), end.rows
+
+    stages = jnp.where(given.drive.reach.lagging, STAGES, 1)
+
+    def stage(now: _Stage) -> _Stage:
+        plain = now.softness <= 1.0
+        enough = jnp.where(plain, system.tolerance, LOOSE)
+        patience = jnp.where(now.left == stages, FIRST, PATIENCE)
+        walk = walked(now.softness, now.known, now.walk.iterations, now.walk.iterations + patience, enough)
+        solved = walk.error <= enough
+        first = plain & (now.left == stages) & ~solved
+        known = jax.tree.map(lambda old, new: jnp.where(solved, new, old), now.known, walk.unknowns)
+        reached = jnp.where(solved, now.softness, now.reached)
+        fall = jnp.where(solved | first, now.fall, jnp.sqrt(now.fall))
+        softness = jnp.where(first, SOFTEST, jnp.maximum(reached * fall, 1.0))
+        hopeless = ~solved & (now.softness >= SOFTEST)
+        left = jnp.where((solved & plain) | hopeless, 0, now.left - 1)
+        return _Stage(walk, softness, known, reached, fall, left)
+
+    begin = _Stage(looked(1.0, guess, 0), jnp.ones(()), guess, SOFTEST * jnp.ones(()), FALL * jnp.ones(()), stages)
+    end = lax.while_loop(lambda now: now.left > 0, stage, begin).walk
+    return Solved(end.unknowns, end.iterations, end.error), end.rows
+
+
+def blurred(at: Frame, factor: Array) -> Frame:
+    reach, meet = at.drive.reach, at.meeting
+    drive = at.drive._replace(stick=at.drive.stick * factor, reach=reach._replace(stick=reach.stick * factor))
+    meet = meet._replace(stick=meet.stick * factor, reach=meet.reach._replace(stick=meet.reach.stick * factor))
+    return at._replace(drive=drive, meeting=meet)
+
+
+def _moved(at: Frame, unknowns: Unknowns, change: Unknowns, share: float | Array, barrier: Array) -> Unknowns:
+    """Unknowns moved by a share of a change, walls along their curve."""
+    xi, impulses = unknowns
+    by = change.impulses
+    walls, touches = impulses.walls, impulses.touches
+    if walls.normal.size:
+        walls = contact.along_path(at.drive.reach, walls, by.walls, share, barrier)
+    if touches.normal.size:
+        touches = contact.along_path(at.meeting.reach, touches, by.touches, share, barrier)
+    return Unknowns(
+        _shortened(xi + share * change.xi),
+        Impulses(impulses.rows + share * by.rows, walls, touches, impulses.pads + share * by.pads),
+    )
 
 
 @close.defjvp
@@ -147,33 +234,21 @@ def _opening(system: System, at: Frame, there: Float[Array, "joints 6"]) -> Floa
 
 
 def _guess(system: System, at: Frame, motion: Motion) -> Unknowns:
-    """Keep accelerating as before; walls that pushed begin almost closed."""
+    """Keep accelerating as before; walls keep pushing, or stay as far off as the motion would leave them."""
     xi = _shortened(at.step_s * (motion.velocity + at.step_s * motion.acceleration))
-    guess = Unknowns(xi, motion.impulses)
-    return lax.stop_gradient(_opened(system, at, guess, WARMTH))
+    impulses, barrier = motion.impulses, _barrier(system, at)
 
-
-def _opened(system: System, at: Frame, guess: Unknowns, warmth: float) -> Unknowns:
-    """Walls as far open as the motion would leave them, or a little; at most `warmth` times the barrier off."""
-    barrier, impulses = _barrier(system, at), guess.impulses
-
-    def opened(gap: Array, back: Array, least: Array, push: Push) -> Push:
-        if warmth < np.inf:
-            least = jnp.minimum(least, warmth * barrier / jnp.maximum(push.normal, 1e-300))
-        slack = jnp.maximum(2 * gap - back, least)
-        return Push(jnp.maximum(push.normal, barrier / slack), slack, push.rub)
+    def begun(reach: Reach, gap: Array, push: Push) -> Push:
+        return contact.on_path(reach, reach.ease * push.normal - jnp.maximum(2 * gap - reach.back, 0.0), push.rub, barrier)
 
     if system.contacts.count:
         reach = at.drive.reach
         gap = contact.gap(system.contacts, reach.room, reach.here)
-        ends = np.array(system.contacts.travels, dtype=bool)
-        least = jnp.where(ends, OPEN_STOP, OPEN_HOLE * reach.room)
-        impulses = impulses._replace(walls=opened(gap, reach.back, least, impulses.walls))
+        impulses = impulses._replace(walls=begun(reach, gap, impulses.walls))
     if system.touches.count:
         reach = at.meeting.reach
-        least = OPEN_STOP * system.scale.length_m * jnp.ones_like(reach.room)
-        impulses = impulses._replace(touches=opened(reach.room, reach.back, least, impulses.touches))
-    return guess._replace(impulses=impulses)
+        impulses = impulses._replace(touches=begun(reach, reach.room, impulses.touches))
+    return lax.stop_gradient(Unknowns(xi, impulses))
 
 
 def _barrier(system: System, at: Frame) -> Array:
@@ -181,8 +256,10 @@ def _barrier(system: System, at: Frame) -> Array:
     return system.barrier * at.step_s
 
 
-def _size(system: System, at: Frame, unknowns: Unknowns, residual: Unknowns, barrier: Array) -> Float[Array, ""]:
-    """Largest residual as a displacement in mechanism lengths."""
+def _size(
+    system: System, at: Frame, unknowns: Unknowns, residual: Unknowns, barrier: Array
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Largest residual, and the sum of their squares, as displacements in mechanism lengths."""
     length = system.scale.length_m
     inertia = jnp.trace(system.inertia, axis1=1, axis2=2) / 3
     linear_part = jnp.abs(residual.xi[:, :3]) * (at.step_s / length / system.mass[:, None])
@@ -191,49 +268,18 @@ def _size(system: System, at: Frame, unknowns: Unknowns, residual: Unknowns, bar
     impulse = at.step_s / (system.scale.mass_kg * length**2)
     held = law.held(system)
     rows = jnp.abs(residual.impulses.rows) * jnp.where(held, row_scale, impulse)
-    parts = [linear_part, turning, rows]
+    parts, rubs = [linear_part, turning, rows, jnp.abs(residual.impulses.pads) * impulse * length], []
     now, left = unknowns.impulses, residual.impulses
     groups = [(system.contacts, at.drive.reach, now.walls, left.walls)]
     if system.touches.count:
         groups.append((touch.walls(system), at.meeting.reach, now.touches, left.touches))
     for contacts, reach, push, off in groups:
+        parts.append(jnp.abs(off.normal) / length)
         rub = jnp.abs(off.rub) * impulse * length
         slid = TOLERANCE / SLID * contact.slid(contacts, reach, push, off.rub) / reach.stick
-        parts += [
-            jnp.abs(off.normal) / length,
-            TOLERANCE / OFF_PATH * jnp.abs(off.slack) / barrier,
-            jnp.minimum(rub, slid),
-        ]
-    parts.append(jnp.abs(residual.impulses.pads) * impulse * length)
-    return jnp.max(jnp.stack([jnp.max(part, initial=0.0) for part in parts]))
-
-
-def _centring(fraction: Array) -> Array:
-    """Share of the walls' mean product to aim at: bold where the iteration before went all the way."""
-    return jnp.clip(1.0 - fraction, BARRIER_FALL, 1.0)
-
-
-def _centred(now: Impulses, residual: Impulses, fraction: Array, barrier: Array) -> Impulses:
-    """Residuals that aim at a common product γ s on the way to the barrier, at all walls and places."""
-    products = [push.normal * push.slack for push in (now.walls, now.touches)]
-    aim = jnp.maximum(barrier, _centring(fraction) * jnp.mean(jnp.concatenate(products)))
-    walls, touches = products
-    return residual._replace(
-        walls=residual.walls._replace(slack=walls - aim), touches=residual.touches._replace(slack=touches - aim)
-    )
-
-
-def _fraction(now: Impulses, change: Impulses) -> Float[Array, ""]:
-    """Largest step that keeps γ and s inside, at most a whole one."""
-
-    def room(value: Array, by: Array) -> Array:
-        return jnp.min(jnp.where(by < 0, -value / jnp.where(by < 0, by, -1.0), jnp.inf), initial=jnp.inf)
-
-    pairs = [(now.walls, change.walls), (now.touches, change.touches)]
-    rooms = [room(a, b) for one, by in pairs for a, b in ((one.normal, by.normal), (one.slack, by.slack))]
-    nearest = jnp.min(jnp.stack(rooms))
-
-    return jnp.minimum(1.0, TO_BOUNDARY * nearest)
+        rubs.append((rub, jnp.minimum(rub, slid)))
+    largest = jnp.max(jnp.stack([jnp.max(part, initial=0.0) for part in parts + [slid for _, slid in rubs]]))
+    return largest, sum(jnp.sum(part * part) for part in parts + [rub for rub, _ in rubs])
 
 
 def _shortened(xi: BodyRows) -> BodyRows:
