@@ -1,16 +1,21 @@
 """The paper's synthetic test, 10 scissor cells with play and friction: how far off are what we find?
 
-python -m benchmarks.identification                 every noise, one load, data of ours and of Exudyn
-python -m benchmarks.identification --quick         noise 0 and 0.2 mm, data of ours alone
+python -m benchmarks.identification                 everything below
+python -m benchmarks.identification noise           data of ours with noise of 0, 0.2, 1 and 5 mm, three methods
+python -m benchmarks.identification records         20, 200 and 1000 steps, one load and three, 0.2 mm
+python -m benchmarks.identification engines         data from Exudyn and MuJoCo, 0.2 mm, play of 0.5 and 1 mm
+python -m benchmarks.identification seeds           100 seeds at 0.2 mm: errors over their bound, coverage
 
 The truth is 1 mm of play at every pin and 0.01 for friction, once as a contact coefficient and once as viscous damping
 of every pin [N m s/rad]; searches begin at half the play and three times the friction.  Seen are markers at both ends
 of every second bar, 240 times a second, while the spring opens the scissor.  Data of ours come from the engine that
-fits them, so they show only what noise does; Exudyn's come from a penalty contact that shares nothing with ours.
+fits them, so they show only what noise does; Exudyn's and MuJoCo's contacts share nothing with ours.
 """
 
 import argparse
+import dataclasses
 import time
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,10 +23,11 @@ import pandas as pd
 from scipy.interpolate import CubicSpline
 
 from backend.blind.exudyn_engine import simulate_exudyn
+from backend.blind.mujoco_engine import simulate_mujoco
 from backend.blind.poses import rotation_matrix
 from backend.fit.fit_study import fit_study
 from backend.fit.result import FitResult
-from backend.fit.solve import LeastSquares, solve
+from backend.fit.solve import LeastSquares, Optimiser, solve
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.read import parse_mechanism
 from backend.mechanism.study import Experiment, Release, Study
@@ -31,28 +37,56 @@ from benchmarks.scissor import LENGTH_M, scissor
 CELLS, RATE_HZ, STILL = 10, 240.0, 12
 RADIAL_M, FRICTION = 1e-3, 0.01
 LEAST_SIGMA_M = 1e-7  # what noise-free samples are said to be good for
-FINE_STEP_S = {"ours": 1e-3, "Exudyn": 4e-5}
-NOISE_M = (0.0, 2e-4, 1e-3, 5e-3)
+NODES_S = 1e-3  # of what engines record
+SPRINGS = (50.0, 25.0, 100.0)  # N/m, of one load and of three
+SOFT_N_PER_M = 1e6  # MuJoCo's loose pins rub on soft walls alone; the drawing says how soft
 FORMS = {
     "contact": ("clearance:play.radial_m", "clearance:play.friction_coefficient"),
     "viscous": ("clearance:play.radial_m", "viscous_friction:drag.damping_n_m_s_per_rad"),
 }
+HEAD = (
+    f"{'friction':>9} {'data':>7} {'loose':>5} {'play':>6} {'loads':>5} {'steps':>5} {'noise':>6} {'method':>18}"
+    f" {'play off':>10} {'friction off':>12} {'sd of each':>17} {'wall':>5}"
+)
 
 
-def drawn(form: str, radial_m: float, friction: float, cells: int = CELLS) -> Mechanism:
-    """The scissor with play at every pin, friction in one of two forms, markers at both ends of every second bar."""
-    document = scissor(cells).model_dump(mode="json", exclude_none=True)
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """What is filmed, and how it is fitted.  loose: the pin with play.  step_s: of the simulation in the fit."""
+
+    form: str = "contact"
+    engine: str = "ours"
+    loose: str = "all"
+    noise_m: float = 2e-4
+    radial_m: float = RADIAL_M
+    loads: int = 1
+    steps: int = 200
+    step_s: float = 1e-3
+    stiffness_n_per_m: float | None = None
+
+    @property
+    def truth(self) -> np.ndarray:
+        """Play [m] and friction."""
+        return np.array([self.radial_m, FRICTION])
+
+
+def drawn(case: Case, radial_m: float, friction: float, spring_n_per_m: float = SPRINGS[0]) -> Mechanism:
+    """The scissor with play, friction in one of two forms, markers at both ends of every second bar."""
+    document = scissor(CELLS, spring_n_per_m=spring_n_per_m).model_dump(mode="json", exclude_none=True)
     pins = [joint["id"] for joint in document["joints"] if joint["type"] == "revolute"]
+    loose = pins if case.loose == "all" else [case.loose]
     play: dict[str, Any] = {"radial_m": radial_m}
-    if form == "contact":
+    if case.stiffness_n_per_m:
+        play["stiffness_n_per_m"] = case.stiffness_n_per_m
+    if case.form == "contact":
         play["friction_coefficient"] = friction
     else:
         drag = {"damping_n_m_s_per_rad": friction}
         document["effects"].append({"id": "drag", "kind": "viscous_friction", "on": pins, "parameters": drag})
-    document["effects"].append({"id": "play", "kind": "clearance", "on": pins, "parameters": play})
+    document["effects"].append({"id": "play", "kind": "clearance", "on": loose, "parameters": play})
     document["markers"] = [
         {"id": f"{bar}{i}{side}", "body": f"{bar}{i}", "position_m": [sign * 0.45 * LENGTH_M, 0.0, 0.0]}
-        for i in range(0, cells, 2)
+        for i in range(0, CELLS, 2)
         for bar in ("a", "b")
         for side, sign in (("l", -1.0), ("r", 1.0))
     ]
@@ -68,42 +102,44 @@ def marker_paths(mechanism: Mechanism, motion: Any) -> np.ndarray:
     return np.stack(paths, 1)
 
 
-def filmed(form: str, engine: str, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sample times since the release, and (T, markers, 3) without noise."""
-    mechanism, step_s = drawn(form, RADIAL_M, FRICTION), FINE_STEP_S[engine]
-    if engine == "ours":
-        motion = simulate(mechanism, duration_s, step_s)
-    else:
-        motion = simulate_exudyn(mechanism, duration_s, step_s, output_step_s=1e-3)
-    paths = marker_paths(mechanism, motion)
-    time_s = np.arange(0.0, duration_s, 1.0 / RATE_HZ)
-    nodes = np.arange(paths.shape[0]) * (step_s if engine == "ours" else 1e-3)
-    return time_s, CubicSpline(nodes, paths)(time_s)
+def filmed(case: Case) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Sample times since the release, and (T, markers, 3) of every load without noise."""
+    duration_s = case.steps * 1e-3
+    time_s, seen = np.arange(0.0, duration_s, 1.0 / RATE_HZ), []
+    for spring in SPRINGS[: case.loads]:
+        mechanism = drawn(case, case.radial_m, FRICTION, spring)
+        if case.engine == "ours":
+            motion = simulate(mechanism, duration_s, NODES_S)
+        elif case.engine == "Exudyn":
+            motion = simulate_exudyn(mechanism, duration_s, 2e-5, output_step_s=NODES_S)
+        else:
+            motion = simulate_mujoco(mechanism, duration_s, 2e-5, output_step_s=NODES_S)
+        paths = marker_paths(mechanism, motion)
+        seen.append(CubicSpline(np.arange(paths.shape[0]) * NODES_S, paths)(time_s))
+    return time_s, seen
 
 
-def study_of(form: str, time_s: np.ndarray, paths: np.ndarray, noise_m: float, seed: int) -> Study:
+def study_of(case: Case, time_s: np.ndarray, seen: Sequence[np.ndarray], seed: int) -> Study:
     """The samples with noise, before them a few of the scissor held still; searches begin from the drawn values."""
-    mechanism = drawn(form, 0.5 * RADIAL_M, 3.0 * FRICTION)
+    mechanism = drawn(case, 0.5 * case.radial_m, 3.0 * FRICTION)
     rng = np.random.default_rng(seed)
     release = STILL / RATE_HZ
     time_s = np.concatenate([np.arange(STILL) / RATE_HZ, release + time_s])
-    paths = np.concatenate([np.repeat(paths[:1], STILL, 0), paths])
-    seen = paths + noise_m * rng.standard_normal(paths.shape)
-    tables = [
-        pd.DataFrame(
-            {
-                "time_s": time_s,
-                "marker": marker.id,
-                "x_m": seen[:, i, 0],
-                "y_m": seen[:, i, 1],
-                "z_m": np.nan,
-                "sigma_m": max(noise_m, LEAST_SIGMA_M),
-            }
-        )
-        for i, marker in enumerate(mechanism.markers)
-    ]
-    run = Experiment("run", "fit", Release(time_s=release), tracks=pd.concat(tables, ignore_index=True))
-    return Study(mechanism, (run,))
+    runs = []
+    for spring, paths in zip(SPRINGS, seen, strict=False):
+        still = np.concatenate([np.repeat(paths[:1], STILL, 0), paths])
+        noisy = still + case.noise_m * rng.standard_normal(still.shape)
+        tables = [_table(time_s, marker.id, noisy[:, i], case.noise_m) for i, marker in enumerate(mechanism.markers)]
+        tracks = pd.concat(tables, ignore_index=True)
+        load: dict[str, Any] = {"spring": {"stiffness_n_per_m": spring}}
+        runs.append(Experiment(f"spring {spring:g}", "fit", Release(time_s=release), tracks=tracks, overrides=load))
+    return Study(mechanism, tuple(runs))
+
+
+def _table(time_s: np.ndarray, marker: str, path: np.ndarray, noise_m: float) -> pd.DataFrame:
+    sigma = max(noise_m, LEAST_SIGMA_M)
+    columns = {"x_m": path[:, 0], "y_m": path[:, 1], "z_m": np.nan, "sigma_m": sigma}
+    return pd.DataFrame({"time_s": time_s, "marker": marker, **columns})
 
 
 def unscaled(result: FitResult, start: np.ndarray) -> np.ndarray:
@@ -116,39 +152,97 @@ def unscaled(result: FitResult, start: np.ndarray) -> np.ndarray:
     return solve(naive, start, optimiser="lbfgsb", max_iterations=60).x[:2]
 
 
+def found(case: Case, study: Study, optimiser: Optimiser = "lm") -> FitResult:
+    """The study fitted."""
+    return fit_study(study, FORMS[case.form], optimiser=optimiser, profiles=False, step_s=case.step_s)
+
+
+def values(case: Case, result: FitResult) -> np.ndarray:
+    """Play and friction as found."""
+    return np.array([result.values[name] for name in FORMS[case.form]])
+
+
+def show(case: Case, all_methods: bool = False) -> None:
+    """Fit one case and print how far off it is."""
+    study = study_of(case, *filmed(case), seed=3)
+    start = None
+    methods: tuple[tuple[str, Optimiser], ...] = (("default", "lm"), ("L-BFGS-B scaled", "lbfgsb"))
+    for method, optimiser in methods[: 2 if all_methods else 1]:
+        begin = time.perf_counter()
+        result = found(case, study, optimiser)
+        wall = time.perf_counter() - begin
+        sd = result.uncertainty.sd[:2] / case.truth
+        status = f"{result.solution.status} chi2 {result.uncertainty.chi_square_per_point:.2f}"
+        _line(case, method, values(case, result) / case.truth - 1.0, f"{sd[0]:8.1e} {sd[1]:8.1e}", wall, status)
+        start = result
+    if all_methods and start:
+        begin = time.perf_counter()
+        off = unscaled(start, start.residuals.start) / case.truth - 1.0
+        _line(case, "L-BFGS-B unscaled", off, "", time.perf_counter() - begin)
+
+
+def _line(case: Case, method: str, off: np.ndarray, sd: str, wall_s: float, status: str = "") -> None:
+    print(
+        f"{case.form:>9} {case.engine:>7} {case.loose:>5} {1e3 * case.radial_m:4.1f}mm {case.loads:5} {case.steps:5}"
+        f" {1e3 * case.noise_m:4.1f}mm {method:>18} {off[0]:10.2e} {off[1]:12.2e} {sd:>17} {wall_s:4.0f}s {status}",
+        flush=True,
+    )
+
+
+def seeds(form: str, count: int) -> None:
+    """Errors of many draws of the noise against the Cramér-Rao bound, and how often intervals hold the truth."""
+    case = Case(form)
+    clean = filmed(case)
+    off, sd, covered = [], [], []
+    for seed in range(count):
+        result = found(case, study_of(case, *clean, seed=1000 + seed))
+        error = values(case, result) - case.truth
+        off.append(error)
+        sd.append(result.uncertainty.sd[:2])
+        covered.append(np.abs(error) < 1.96 * result.uncertainty.sd[:2])
+    scaled = np.array(off) / np.median(sd, axis=0)
+    for name, column, share in zip(("play", "friction"), scaled.T, np.mean(covered, axis=0), strict=True):
+        print(
+            f"{form:>9} {name:>9}: {count} seeds, error / bound: mean {column.mean():5.2f}, sd {column.std():4.2f}, "
+            f"largest {np.abs(column).max():4.2f}; 95% intervals hold the truth {100 * share:.0f}% of the time",
+            flush=True,
+        )
+
+
+def tables(asked: str) -> Iterator[tuple[Case, bool]]:
+    """Cases of each table, and whether every method is shown."""
+    for form in FORMS:
+        if asked in ("all", "noise"):
+            yield from ((Case(form, noise_m=noise), True) for noise in (0.0, 2e-4, 1e-3, 5e-3))
+        if asked in ("all", "records"):
+            yield from ((Case(form, steps=steps, loads=n), False) for steps in (20, 200, 1000) for n in (1, 3))
+        if asked in ("all", "engines"):
+            # Exudyn's Newton iteration stalls where every pin is loose and rubs.
+            rubs = form == "contact"
+            filming = [("mid4", "Exudyn"), ("mid4", "MuJoCo"), ("all", "Exudyn"), ("all", "MuJoCo")]
+            for radial_m in (5e-4, 1e-3):
+                for loose, engine in filming:
+                    if not (rubs and (loose, engine) == ("all", "Exudyn")):
+                        stiffness = SOFT_N_PER_M if rubs and engine == "MuJoCo" else None
+                        yield (
+                            Case(form, engine, loose, radial_m=radial_m, step_s=2.5e-4, stiffness_n_per_m=stiffness),
+                            False,
+                        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--duration", type=float, default=0.2)
+    parser.add_argument("table", nargs="?", default="all", choices=("all", "noise", "records", "engines", "seeds"))
+    parser.add_argument("--count", type=int, default=100, help="seeds")
     asked = parser.parse_args()
-    truth = np.array([RADIAL_M, FRICTION])
-    print(f"{CELLS} cells, {asked.duration:g} s, error of play and friction; the paper: 146% and 13%")
-    head = f"{'friction':>9} {'data':>7} {'noise':>7} {'method':>18} {'play':>10} {'friction':>10}"
-    print(f"{head} {'sd of each':>17} {'wall':>6}")
-    for form, names in FORMS.items():
-        for engine in ("ours",) if asked.quick else ("ours", "Exudyn"):
-            time_s, paths = filmed(form, engine, asked.duration)
-            for noise in NOISE_M[: 2 if asked.quick else None]:
-                study = study_of(form, time_s, paths, noise, seed=3)
-                for method, optimiser in (("default", "lm"), ("L-BFGS-B scaled", "lbfgsb")):
-                    begin = time.perf_counter()
-                    result = fit_study(study, names, optimiser=optimiser, profiles=False, step_s=1e-3)
-                    wall = time.perf_counter() - begin
-                    found = np.array([result.values[name] for name in names])
-                    sd = result.uncertainty.sd[:2] / truth
-                    off = found / truth - 1.0
-                    print(
-                        f"{form:>9} {engine:>7} {1e3 * noise:5.1f}mm {method:>18} {off[0]:10.2e} {off[1]:10.2e}"
-                        f" {sd[0]:8.1e} {sd[1]:8.1e} {wall:5.0f}s {result.solution.status}"
-                        f" chi2 {result.uncertainty.chi_square_per_point:.2f}",
-                        flush=True,
-                    )
-                begin = time.perf_counter()
-                start = result.residuals.start
-                off = unscaled(result, start) / truth - 1.0
-                wall = time.perf_counter() - begin
-                what = f"{form:>9} {engine:>7} {1e3 * noise:5.1f}mm {'L-BFGS-B unscaled':>18}"
-                print(f"{what} {off[0]:10.2e} {off[1]:10.2e} {'':>17} {wall:5.0f}s", flush=True)
+    print(f"{CELLS} cells; the paper's play was 146% off and its friction 13%", flush=True)
+    if asked.table != "seeds":
+        print(HEAD)
+    for case, all_methods in tables(asked.table):
+        show(case, all_methods)
+    if asked.table in ("all", "seeds"):
+        for form in FORMS:
+            seeds(form, asked.count)
 
 
 if __name__ == "__main__":

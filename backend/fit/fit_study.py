@@ -135,7 +135,7 @@ class _Search:
         """Fit the first part of every record, then longer ones, then all."""
         for stage, fraction in enumerate(horizons):
             words = f"fitting the first {100 * fraction:.0f}%"
-            found = self._solve(x, fraction, 0.1 + 0.15 * stage / len(horizons), words, 12, 1e-3)
+            found = self._solve(x, fraction, 0.1 + 0.15 * stage / len(horizons), words, 12, 1e-3, anchor=x)
             if found.status == "cancelled":
                 return self._reweighted(found)
             x = found.x if np.isfinite(found.objective) else x
@@ -162,7 +162,10 @@ class _Search:
         weights = found.weights if found.weights.size == r.size else np.ones_like(r)  # cancelled on a short horizon
         return replace(found, residual=r, jacobian=J, weights=weights)
 
-    def _solve(self, x: np.ndarray, fraction: float, done: float, words: str, most: int, ftol: float) -> Solution:
+    def _solve(
+        self, x: np.ndarray, fraction: float, done: float, words: str, most: int, ftol: float,
+        anchor: np.ndarray | None = None,
+    ) -> Solution:  # fmt: skip
         self.residuals.learn_spread(x, fraction)
 
         def advance(iteration: Iteration):
@@ -170,7 +173,7 @@ class _Search:
             self.tell(min(done + 0.02 * iteration.iteration, 0.7), f"{words}, iteration {iteration.iteration}")
 
         return solve(
-            self.residuals.problem(fraction), x, optimiser=self.optimiser, loss=self.loss, max_iterations=most,
+            self.residuals.problem(fraction, anchor), x, optimiser=self.optimiser, loss=self.loss, max_iterations=most,
             ftol=ftol, progress=advance, cancelled=self.cancelled,
         )  # fmt: skip
 

@@ -66,18 +66,27 @@ class Residuals:
         """The own unknowns of one run."""
         return x[self._own[run]]
 
-    def problem(self, fraction: float = 1.0) -> LeastSquares:
-        """Least squares over the first fraction of every record."""
+    def problem(self, fraction: float = 1.0, anchor: np.ndarray | None = None) -> LeastSquares:
+        """Least squares over the first fraction of every record.
+
+        anchor: values that the parameters keep as far as the data do not speak: a row each, one for a change by its
+        own or its natural size.
+        """
         bounds = [run.bounds() for run in self.runs]
         lower = np.concatenate([[f.lower for f in self.parameters], *[b[0] for b in bounds]])
         upper = np.concatenate([[f.upper for f in self.parameters], *[b[1] for b in bounds]])
         scale = np.concatenate([self.scale, *[np.ones(run.unknowns) for run in self.runs]])
         last: dict[str, np.ndarray] = {}
+        p = len(self.parameters)
 
         def linearise(x: np.ndarray):
             # The value comes with the derivative for twice its price, and most trial steps are accepted.
             if last.get("x") is None or not np.array_equal(last["x"], x):
                 r, J = self.evaluate(x, fraction)
+                if anchor is not None:
+                    reach = np.maximum(self.scale, np.abs(anchor[:p]))
+                    J = np.concatenate([J, np.eye(p, x.size) / reach[:, None]])
+                    r = np.concatenate([r, (x[:p] - anchor[:p]) / reach])
                 last.update(x=x.copy(), r=r, J=J)
             return last["r"], last["J"]
 

@@ -26,6 +26,7 @@ Optimiser = Literal["lm", "lbfgsb"]
 
 # Sticking and impacts make a simulated residual rough at a fine scale: each reversal falls into another step.
 # There the exact derivative is not the slope that counts, and steps go on gaining next to nothing.
+STRIDE = 2.0  # of its own or its natural size: what a parameter may change by in one iteration
 PATIENCE = 3  # accepted steps that together must gain
 ROUGH = 2e-4  # this share of the objective; the sd of a parameter moves it by 1/n for n samples
 STILL_IMPROVING = "Stopped after {} iterations, still improving. Allow more iterations or free fewer parameters."
@@ -224,11 +225,15 @@ def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, ref
 
 
 def _step_in_box(problem, x, R, Qr, damping, widest) -> Vector:
-    """argmin |R p + Q'r|^2 + damping |D p|^2 inside the box, D the widest columns seen."""
+    """argmin |R p + Q'r|^2 + damping |D p|^2 inside the box and within a stride, D the widest columns seen.
+
+    What the data hardly see would otherwise be sent wherever rounding points.
+    """
     D = np.where(widest > 0, widest, 1.0 / problem.scale)
     A = np.vstack([R / D, np.sqrt(damping) * np.eye(x.size)])
     b = np.concatenate([-Qr, np.zeros(x.size)])
-    low, high = D * (problem.lower - x), D * (problem.upper - x)
+    stride = STRIDE * np.maximum(np.abs(x), problem.scale)
+    low, high = D * np.maximum(problem.lower - x, -stride), D * np.minimum(problem.upper - x, stride)
     free = np.linalg.lstsq(A, b, rcond=None)[0]
     if np.all((free >= low) & (free <= high)):
         return free / D

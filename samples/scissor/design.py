@@ -7,7 +7,7 @@ import cadquery as cq
 
 from cad_export import Axis, Drawing, bar, cylinder
 
-PIN, HOLE = 8.0, 8.1
+PIN = 8.0
 LAYER = 5.5  # thickness of a bar and the gap above it
 
 
@@ -17,20 +17,25 @@ def design(
     angle_deg: float = 60.0,
     spring_n_per_m: float = 100.0,
     free_length_share: float = 0.7,
+    spring_cells: int = 0,
+    hole_mm: float = 8.1,
 ) -> Drawing:
     """bar_mm: between a bar's outer pins.  angle_deg: of the bars from the long axis, as drawn.
 
     spring_n_per_m: of the spring across each end, 0 for none.  free_length_share: its free length over the drawn
-    distance of the pins it joins; below 1 it pulls the ends together, and the scissor grows longer.
+    distance of the pins it joins; below 1 it pulls the ends together, and the scissor grows longer.  spring_cells: how
+    many cells, from the first, have a spring across their near end; 0 for a spring across either end of the scissor.
     """
     if cells < 1:
         raise ValueError(f"{cells} cells; a scissor has one or more")
+    if not 0 <= spring_cells <= cells:
+        raise ValueError(f"springs in {spring_cells} of {cells} cells; give 0 to {cells}")
     half = 0.5 * bar_mm
     c, s = half * math.cos(math.radians(angle_deg)), half * math.sin(math.radians(angle_deg))
 
     # Rising bars lie below, falling bars above them; every pin is borne in a hole of the other layer.
-    rising = bar((0, "hole"), (half, "pin"), (bar_mm, "pin"))
-    falling = bar((0, "hole"), (half, "hole"), (bar_mm, "pin_down"))
+    rising = bar((0, "hole"), (half, "pin"), (bar_mm, "pin"), hole_diameter_mm=hole_mm)
+    falling = bar((0, "hole"), (half, "hole"), (bar_mm, "pin_down"), hole_diameter_mm=hole_mm)
     frame, slider = _frame(s, half), _slider()
 
     assembly = cq.Assembly(name="scissor")
@@ -47,8 +52,8 @@ def design(
 
     middle_pin, end_pin = cylinder(rising, (half, 0, 0), PIN), cylinder(rising, (bar_mm, 0, 0), PIN)
     low_pin = cylinder(falling, (bar_mm, 0, 0), PIN)
-    low_hole = cylinder(rising, (0, 0, 0), HOLE)
-    top_hole, middle_hole = cylinder(falling, (0, 0, 0), HOLE), cylinder(falling, (half, 0, 0), HOLE)
+    low_hole = cylinder(rising, (0, 0, 0), hole_mm)
+    top_hole, middle_hole = cylinder(falling, (0, 0, 0), hole_mm), cylinder(falling, (half, 0, 0), hole_mm)
     drawing.revolute("start_low", "frame", "A0", cylinder(frame, (0, -s, 0), PIN), low_hole)
     drawing.revolute("start_top", "slider", "B0", cylinder(slider, (0, 0, 0), PIN), top_hole)
     along_groove = (0, 1, 0)
@@ -60,8 +65,11 @@ def design(
             drawing.revolute(f"low{i}", f"B{i}", f"A{i + 1}", low_pin, low_hole)
 
     last = cells - 1
+    springs = [("start_spring", "A0", "B0", 0.0), ("end_spring", f"B{last}", f"A{last}", bar_mm)]
+    if spring_cells:
+        springs = [(f"spring{i}", f"A{i}", f"B{i}", 0.0) for i in range(spring_cells)]
     if spring_n_per_m:
-        for id, a, b, x in (("start_spring", "A0", "B0", 0.0), ("end_spring", f"B{last}", f"A{last}", bar_mm)):
+        for id, a, b, x in springs:
             drawing.extension_spring(
                 id,
                 a,
