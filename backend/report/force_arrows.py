@@ -19,34 +19,35 @@ from backend.report.svg import element, joined, path
 if TYPE_CHECKING:
     from backend.simulate.joint_forces import JointLoad
 
-WIDTH, HEIGHT = 1040, 560
-MARGIN = 60
-LONGEST = 0.2  # of the picture's height: the arrow of the largest force
-SMALLEST = 0.01  # of the largest force: below it an arrow is a dot and left out
+WIDTH, LOWEST, HIGHEST = 1040, 240, 620
+MARGIN = 40
+LONGEST = 100  # pixels: the arrow of the largest force
+SMALLEST = 0.01  # of the largest force seen: below it an arrow is a dot and left out
 MOST_LABELS = 8
 TONES = {"parent": "c1", "child": "c0"}
 HEAD_LENGTH, HEAD_WIDTH = 9.0, 3.5
-ABOVE, BESIDE = 15, 9
+UPWARD = np.array([1.0, -1.0])  # pixels count downwards
+LETTER, LINE = 8.5, 17.0  # pixels that a label's letter and line take
+CORNERS = ((10, 18), (10, -8), (-10, 18), (-10, -8))  # where a label may stand beside its joint
 
 
 @dataclass(frozen=True)
 class _Paper:
-    """World points, seen from the side, to pixels with equal scales."""
+    """World points, seen from the side, to pixels with equal scales; as high as what is drawn needs."""
 
     center: Float[np.ndarray, "2"]
     pixels_per_m: float
+    height: float
 
     @classmethod
     def around(cls, seen: Float[np.ndarray, "n 2"]) -> _Paper:
         low, high = seen.min(0), seen.max(0)
-        room = np.array([WIDTH, HEIGHT]) - 2 * (MARGIN + LONGEST * HEIGHT)
-        span = np.maximum(high - low, 1e-9)
-        return cls((low + high) / 2, float((room / span).min()))
+        span, border = np.maximum(high - low, 1e-9), 2 * (MARGIN + LONGEST)
+        scale = float((np.array([WIDTH - border, HIGHEST - border]) / span).min())
+        return cls((low + high) / 2, scale, max(LOWEST, float(span[1]) * scale + border))
 
     def at(self, seen: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        return (
-            np.array([WIDTH / 2, HEIGHT / 2]) + (seen - self.center) * np.array([1.0, -1.0]) * self.pixels_per_m
-        )
+        return np.array([WIDTH / 2, self.height / 2]) + (seen - self.center) * UPWARD * self.pixels_per_m
 
 
 def force_arrows(mechanism: Mechanism, motion: Motion, loads: Sequence[JointLoad], node: int, title: str) -> Markup:
@@ -62,20 +63,18 @@ def force_arrows(mechanism: Mechanism, motion: Motion, loads: Sequence[JointLoad
     paper = _Paper.around(np.concatenate([*now.values(), view.seen(skeleton.held), points]))
     forces = view.seen(np.array([load.child.force_W[node] for load in loads]).reshape(-1, 3))
     sizes = np.array([load.force_n[node] for load in loads])
-    largest = float(sizes.max(initial=0.0)) or 1.0
-    reach = LONGEST * HEIGHT / largest
+    largest = float(np.linalg.norm(forces, axis=-1).max(initial=0.0)) or 1.0
+    reach = LONGEST / largest
     arrows = [
-        _arrow(at, at + sign * reach * force * np.array([1.0, -1.0]), TONES[side])
+        _arrow(at, at + sign * reach * force * UPWARD, TONES[side])
         for side, sign in (("parent", -1.0), ("child", 1.0))
         for at, force in zip(paper.at(points), forces, strict=True)
         if np.linalg.norm(force) > SMALLEST * largest
     ]
-    through = max(
-        (float(np.sqrt(max(s**2 - f @ f, 0.0))) for s, f in zip(sizes, forces, strict=True)), default=0.0
-    )
+    through = max((float(np.sqrt(max(s**2 - f @ f, 0.0))) for s, f in zip(sizes, forces, strict=True)), default=0.0)
     note = f"Seen in the {view.name}. The longest arrow is {shown(largest)} N."
     if through > SMALLEST * largest:
-        note += f" Across this plane, unseen here, joints carry up to {shown(through)} N."
+        note += f" Across this plane, unseen here, joints carry up to {shown(through)} N; the numbers count it."
     if any(load.not_unique for load in loads):
         note += " Ring: not every reaction of this joint is unique; see the table."
     legend = element(
@@ -92,7 +91,7 @@ def force_arrows(mechanism: Mechanism, motion: Motion, loads: Sequence[JointLoad
         *arrows,
         _labels(loads, sizes, paper.at(points)),
         class_="arrows",
-        viewBox=f"0 0 {WIDTH} {HEIGHT}",
+        viewBox=f"0 0 {WIDTH} {paper.height:.0f}",
         role="img",
         aria_label=title,
     )
@@ -131,12 +130,16 @@ def _arrow(start: Float[np.ndarray, "2"], end: Float[np.ndarray, "2"], tone: str
 
 
 def _labels(loads: Sequence[JointLoad], sizes: np.ndarray, at: Float[np.ndarray, "n 2"]) -> Markup:
-    """Names and sizes of the strongest joints, beside their points."""
-    first = np.argsort(-sizes)[:MOST_LABELS]
-    texts = (f"{loads[i].joint} {shown(float(sizes[i]))} N" for i in first)
-    return joined(
-        *(
-            element("text", text, class_="label", x=float(at[i][0]) + BESIDE, y=float(at[i][1]) + ABOVE)
-            for i, text in zip(first, texts, strict=True)
-        )
-    )
+    """Names and sizes of the strongest joints, each at the first corner that is free; none where all are taken."""
+    taken: list[tuple[float, float, float]] = []
+    texts = []
+    for i in np.argsort(-sizes)[:MOST_LABELS]:
+        text = f"{loads[i].joint} {shown(float(sizes[i]))} N"
+        width = LETTER * len(text)
+        for right, down in CORNERS:
+            left, y = float(at[i][0]) + right - (width if right < 0 else 0.0), float(at[i][1]) + down
+            if all(left > x1 or left + width < x0 or abs(y - other) > LINE for x0, x1, other in taken):
+                taken.append((left, left + width, y))
+                texts.append(element("text", text, class_="label", x=left, y=y))
+                break
+    return joined(*texts)

@@ -74,6 +74,7 @@ def peak_table(time_s: np.ndarray, loads: Sequence[JointLoad]) -> list[dict[str,
                 "child": load.child.body,
                 "force_n": size,
                 "force_at_s": float(time_s[force]),
+                "unique_force_n": float(load.unique_force_n.max()) if load.not_unique is not None else None,
                 "force_on_child_world_n": _cleared(load.child.force_W[force], size),
                 "force_on_child_body_n": _cleared(load.child.force_B[force], size),
                 "force_on_parent_body_n": _cleared(load.parent.force_B[force], size),
@@ -114,7 +115,7 @@ def _figures(loads: Sequence[JointLoad], when: float, undecided: int) -> list[tu
 
 def _uniqueness(loads: Sequence[JointLoad], undecided: Sequence[JointLoad], solve: str) -> str:
     if any(load.not_unique is None for load in loads):
-        return "Whether the reactions are unique was not examined: the mechanism has too many held rows to look by itself."
+        return "Whether the reactions are unique was not examined: the mechanism has too many held rows."
     if not undecided:
         return "Every reaction is unique: statics and dynamics of rigid parts leave no choice."
     chosen = (
@@ -123,7 +124,7 @@ def _uniqueness(loads: Sequence[JointLoad], undecided: Sequence[JointLoad], solv
     return (
         f"At {len(undecided)} of {len(loads)} joints rigid parts leave some reactions open: the mechanism is "
         "overconstrained, and what such a row carries depends on the parts' stiffness and on assembly. The numbers "
-        f"below are those of {chosen}. The last column of the table says which; the others are unique."
+        f"below are those of {chosen}. The table says which; the others are unique."
     )
 
 

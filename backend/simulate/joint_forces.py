@@ -19,7 +19,9 @@ from backend.model.flexible import split
 from backend.model.system import system
 from backend.simulate.run import Run
 
-CARRIES = dict(zip(ROWS, ("force x", "force y", "force z", "torque y", "torque x", "torque z"), strict=True))
+CARRIES: dict[str, str] = dict(
+    zip(ROWS, ("force x", "force y", "force z", "torque y", "torque x", "torque z"), strict=True)
+)
 """What a row of a joint carries, in the joint's frame on body A: a tilt along x is held by a torque about y."""
 
 
@@ -54,7 +56,8 @@ class JointLoad:
     """The loads of one joint on its parent (body A) and its child (body B).
 
     not_unique: what rigid parts leave undetermined, such as "force z", in the joint's frame on the parent; empty
-    where all of it is unique, None where nobody looked.
+    where all of it is unique, None where nobody looked.  unique_force_n (T,): size of the force along the joint's
+    axes in which it is unique [N]; all of it where nobody looked.
     """
 
     joint: str
@@ -62,6 +65,7 @@ class JointLoad:
     parent: Load
     child: Load
     not_unique: tuple[str, ...] | None
+    unique_force_n: Float[np.ndarray, "T"]
 
     @property
     def sides(self) -> tuple[tuple[Literal["parent", "child"], Load], ...]:
@@ -104,6 +108,8 @@ def joint_forces(mechanism: Mechanism, run: Run) -> tuple[JointLoad, ...]:
         (a, p_A, R_WA, in_A), (b, p_B, R_WB, in_B) = placed
         parent = Load(a, p_A, -force, -torque + np.cross(p_B - p_A, -force), R_WA, in_A)
         rows = open_rows.get(joint, ())
+        along = np.einsum("ti,tij->tj", force, R_WA @ np.asarray(plant.axes_a[i]))
+        sure = [k for k in range(3) if ROWS[k] not in rows]
         found.append(
             JointLoad(
                 joint=joint,
@@ -111,6 +117,7 @@ def joint_forces(mechanism: Mechanism, run: Run) -> tuple[JointLoad, ...]:
                 parent=parent,
                 child=Load(b, p_B, force, torque, R_WB, in_B),
                 not_unique=tuple(sorted(CARRIES[row] for row in rows)) if run.redundancy else None,
+                unique_force_n=np.linalg.norm(along[:, sure], axis=-1),
             )
         )
     return tuple(found)

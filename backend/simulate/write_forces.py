@@ -15,7 +15,7 @@ HEADER = """\
 # Joint forces of '{name}', {steps} steps of {step_s:g} s{thinned}.
 # One line per time, joint and side: what the joint puts ON that body (parent: the joint's body_a; child: its body_b).
 # Units: s, m, N, N m. Torques are about the joint's point on the same body, whose place stands in the same line.
-# Frames: _world is the drawing's right-handed world frame; _body is the body's own frame, its CAD part's origin and axes.
+# Frames: _world is the drawing's right-handed world frame; _body is the body's own, its CAD part's origin and axes.
 # Parent and child take equal and opposite forces. Friction, springs and drives inside the joint are included.
 # A force is the impulse around its time over that span of time, so a blow stands as its mean over one step.
 # unique: yes; or what rigid parts leave undetermined, in the joint's frame on the parent (z is the joint's axis).
