@@ -56,8 +56,8 @@ class JointLoad:
     """The loads of one joint on its parent (body A) and its child (body B).
 
     not_unique: what rigid parts leave undetermined, such as "force z", in the joint's frame on the parent; empty
-    where all of it is unique, None where nobody looked.  unique_force_n (T,): size of the force along the joint's
-    axes in which it is unique [N]; all of it where nobody looked.
+    where all of it is unique, None where nobody looked.  sure_W (T, 3, 3): takes the unique part of a
+    force, in W; all of it where nobody looked.
     """
 
     joint: str
@@ -65,7 +65,7 @@ class JointLoad:
     parent: Load
     child: Load
     not_unique: tuple[str, ...] | None
-    unique_force_n: Float[np.ndarray, "T"]
+    sure_W: Float[np.ndarray, "T 3 3"]
 
     @property
     def sides(self) -> tuple[tuple[Literal["parent", "child"], Load], ...]:
@@ -76,6 +76,11 @@ class JointLoad:
     def force_n(self) -> Float[np.ndarray, "T"]:
         """Size of the force, alike on both bodies [N]."""
         return np.linalg.norm(self.child.force_W, axis=-1)
+
+    @property
+    def unique_force_n(self) -> Float[np.ndarray, "T"]:
+        """Size of the force's unique part [N]."""
+        return np.linalg.norm(np.einsum("tij,tj->ti", self.sure_W, self.child.force_W), axis=-1)
 
     @property
     def torque_n_m(self) -> Float[np.ndarray, "T"]:
@@ -108,8 +113,8 @@ def joint_forces(mechanism: Mechanism, run: Run) -> tuple[JointLoad, ...]:
         (a, p_A, R_WA, in_A), (b, p_B, R_WB, in_B) = placed
         parent = Load(a, p_A, -force, -torque + np.cross(p_B - p_A, -force), R_WA, in_A)
         rows = open_rows.get(joint, ())
-        along = np.einsum("ti,tij->tj", force, R_WA @ np.asarray(plant.axes_a[i]))
-        sure = [k for k in range(3) if ROWS[k] not in rows]
+        sure = np.array([row not in rows for row in ROWS[:3]], dtype=float)
+        axes_W = R_WA @ np.asarray(plant.axes_a[i])
         found.append(
             JointLoad(
                 joint=joint,
@@ -117,7 +122,7 @@ def joint_forces(mechanism: Mechanism, run: Run) -> tuple[JointLoad, ...]:
                 parent=parent,
                 child=Load(b, p_B, force, torque, R_WB, in_B),
                 not_unique=tuple(sorted(CARRIES[row] for row in rows)) if run.redundancy else None,
-                unique_force_n=np.linalg.norm(along[:, sure], axis=-1),
+                sure_W=axes_W @ (sure[:, None] * np.swapaxes(axes_W, 1, 2)),
             )
         )
     return tuple(found)
