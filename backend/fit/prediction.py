@@ -52,6 +52,8 @@ class Setting(eqx.Module):
         return self.motions.shape[-1]
 
 
+HALVINGS = 8  # times a step may be cut in two where parts strike each other
+
 Addresses = tuple[tuple[Address, ...], ...]
 
 
@@ -77,12 +79,16 @@ def predict(
     made = system(model)
     coordinates, rates = x[len(addresses) : len(addresses) + m], x[len(addresses) + m :]
     start = assemble.start(made, setting.reference, setting.motions, coordinates, rates)  # type: ignore[arg-type]
-    motion = rollout(made, start, step_s, setting.steps, setting.record)
+    motion = rollout(made, start, step_s, setting.steps, setting.record, HALVINGS if _strikes(made) else 0)
     value, slope = columns(model, made, motion)
     time = clock(model, setting.since_release_s)
     seen = hermite(value + setting.turns, slope, step_s, time, setting.column)
     after = jnp.clip(jnp.ceil(time / step_s).astype(int), 0, setting.steps)
     return seen, motion.lost[after]
+
+
+def _strikes(made: System) -> bool:
+    return bool(made.contacts.count or made.touches.count)
 
 
 @partial(jax.jit, static_argnames="addresses")

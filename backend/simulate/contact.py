@@ -22,6 +22,7 @@ from backend.model.contacts import ROUND_TIP, JointContacts
 STRIDE = 0.3  # of the room: a part that goes further in a step does not tell at q_k where it will touch
 NO_STRIDE = 1e-6  # keeps the slope finite where no stride is left
 TOUCHING = 4  # power of (|η| / room)² that tells a part at its wall from one in flight
+LAGGING = 1e2  # blur of a step beyond which friction is limited by the push of the step before
 CREEP = 1e-3  # of the speed of a fall through one mechanism length: slower than this, give has no direction
 
 
@@ -52,11 +53,11 @@ class Reach(NamedTuple):
     """How far the two bodies alone would part for a unit of push in the step [m/(N s)]."""
     stride: Array
     """Share of the room within which a part at its wall is pushed along the normal at q_k; 0: never."""
+    restitution: Float[Array, "walls"]
     load: Float[Array, "walls"]
     """Push in the step before, if that limits friction [N s]."""
     lagging: Array
     """Whether it does."""
-    restitution: Float[Array, "walls"]
 
 
 class Face(NamedTuple):
@@ -207,7 +208,9 @@ def slope(contacts: JointContacts, reach: Reach, eta: Array, push: Push) -> Slop
         u, d, rounded = _sliding(reach, at, eta)
         limit = _limit(contacts, reach, push)
         rub = jnp.clip(push.rub, -limit, limit)
-        turned = jnp.where(reach.lagging, 0.0, 1.0) * jnp.stack([at.bend[:, 1], -at.bend[:, 0]], 1)  # d along / d η = (-bend₂, bend₁), so -turned
+        turned = jnp.where(reach.lagging, 0.0, 1.0) * jnp.stack(
+            [at.bend[:, 1], -at.bend[:, 0]], 1
+        )  # d along / d η = (-bend₂, bend₁), so -turned
         slip = at.along - jnp.sum(turned * d[:, :, None], 1)
         slip = jnp.concatenate([slip, jnp.ones_like(slip[:, :1])], -1)
         sliding = jnp.where(reach.lagging, 0.0, contacts.friction) * u / rounded

@@ -23,10 +23,6 @@ from backend.simulate.momentum import BodyRows, momentum, momentum_slope
 from backend.simulate.small import apply
 
 
-LAGGING = 1e2
-INELASTIC = 1.0
-
-
 class Motion(eqx.Module):
     """All that the next step needs to know."""
 
@@ -98,7 +94,9 @@ def frame(
 ) -> Frame:
     """Evaluate forces and directions at q_k.
 
-    target: q that driven joints must reach.  blur: factor on the rate below which friction holds.
+    target: q that driven joints must reach.  blur: factor on the rate below which friction holds.  Above 1, for steps
+    that are cut because they have no solution or none was found, walls push along their normal at q_{k+1} and give
+    nothing back; above `contact.LAGGING` friction's limit and direction are those of q_k: a convex problem is left.
     """
     bodies = kinematics.bodies(system, motion.pose)
     rows = kinematics.rows(system, bodies)
@@ -128,7 +126,7 @@ def frame(
         motion.velocity,
         motion.lengthening,
         drive,
-        meeting.meet(system, bodies, motion.parting, step_s, weight, blur),
+        meeting.meet(system, bodies, motion.parting, motion.impulses.touches.normal, step_s, weight, blur),
     )
 
 
@@ -159,21 +157,44 @@ def _reach(
     travelled = contacts.normal[:, 0] * motion.q[contacts.at]
     room = jnp.where(np.array(contacts.travels, dtype=bool), contacts.room - travelled, contacts.room)
     back = contact.gap(contacts, room, here) - step * motion.opening
-    e = jnp.where(blur > INELASTIC, 0.0, contacts.restitution)
+    cut = blur > 1.0
+    e = jnp.where(cut, 0.0, contacts.restitution)
     # Within a hole a gap is at most the room, however far a part would have flown in the step before.
     soft = (1.0 + e * e) / jnp.maximum(e * e, 1e-6)  # of the give on the way out, twice over
     pressed = soft * contacts.give / weight * motion.impulses.walls.normal
-    back = jnp.where(contacts.is_round, jnp.clip(back, -jnp.where(blur > 1.0, 0.0, 0.5 * room) - pressed, room), back)
+    back = jnp.where(contacts.is_round, jnp.clip(back, -jnp.where(cut, 0.0, 0.5 * room) - pressed, room), back)
     scale = system.scale
     fall = jnp.sqrt(scale.gravity_m_per_s2 * scale.length_m)
     # A pin's surface moves slower than the bar's end by radius over length: what creeps there shows at the end.
     radius = contacts.selection[:, 2, TURN]
     stick = step * blur * STICK_RATE * jnp.where(radius > 0.0, radius, scale.length_m)
-    load = motion.impulses.walls.normal * step / jnp.maximum(motion.before_s, step)
-    stride = jnp.where(blur > 1.0, 0.0, contact.STRIDE)
+    load = motion.impulses.walls.normal
+    stride = jnp.where(cut, 0.0, contact.STRIDE)
     walled = jnp.einsum("cri,cik->crk", contacts.selection[:, :2], rows.jacobian[contacts.at])
     ease = step * kinematics.ease(system, walled, system.pairs[contacts.at]) + contacts.give / weight
-    return Reach(room, here, back, step, 2 * step, weight, stick, contact.CREEP * fall, ease, stride, load, blur > LAGGING, e)
+    return Reach(
+        room=room,
+        here=here,
+        back=back,
+        step_s=step,
+        span_s=2 * step,
+        weight_s=weight,
+        stick=stick,
+        creep=contact.CREEP * fall,
+        ease=ease,
+        stride=stride,
+        restitution=e,
+        load=load,
+        lagging=jnp.asarray(blur > contact.LAGGING),
+    )
+
+
+def softened(at: Frame, factor: float | Array) -> Frame:
+    """The same step with friction that holds only below a higher rate."""
+    reach, meet = at.drive.reach, at.meeting
+    drive = at.drive._replace(stick=at.drive.stick * factor, reach=reach._replace(stick=reach.stick * factor))
+    meet = meet._replace(stick=meet.stick * factor, reach=meet.reach._replace(stick=meet.reach.stick * factor))
+    return at._replace(drive=drive, meeting=meet)
 
 
 def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> tuple[Unknowns, kinematics.Rows]:

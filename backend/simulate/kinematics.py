@@ -86,7 +86,7 @@ def turned(system: System, xi: Float[Array, "slots 6"]) -> Float[Array, "joints"
 
 
 def ease(system: System, rows: Float[Array, "n k 12"], pairs: np.ndarray) -> Float[Array, "n"]:
-    """Inverse of the mass that two free bodies oppose to a push along their rows, the largest of k; fixed bodies do not move."""
+    """Inverse of the mass that two bodies alone oppose to a push along their rows, the largest of k rows."""
     share = jnp.stack([1.0 / system.mass, 3.0 / jnp.trace(system.inertia, axis1=1, axis2=2)], -1).repeat(3, -1)
     both = jnp.concatenate([share, jnp.zeros((1, 6))])[np.minimum(pairs, system.topology.slots)].reshape(-1, 1, 12)
     return jnp.max(jnp.sum(rows * rows * both, -1), -1)

@@ -45,9 +45,15 @@ class Slope(NamedTuple):
 
 
 def meet(
-    system: System, bodies: Bodies, parting: Array, step_s: float | Array, weight: Array, blur: float | Array
+    system: System,
+    bodies: Bodies,
+    parting: Float[Array, "places"],
+    pushed: Float[Array, "places"],
+    step_s: float | Array,
+    weight: Array,
+    blur: float | Array,
 ) -> Meeting:
-    """Look at the bodies at q_k.  parting: rate of the gaps in the step before."""
+    """Look at the bodies at q_k.  parting, pushed: rate of the gaps and what the places carried in the step before."""
     step, scale = jnp.asarray(step_s), system.scale
     stick = step * blur * STICK_RATE * scale.length_m
     near = touch.near(system, bodies)
@@ -57,7 +63,21 @@ def meet(
     sticks = stick * jnp.ones_like(near.gap)
     walls = touch.walls(system)
     ease = step * kinematics.ease(system, near.rows[:, :1], _places(system)) + walls.give / jnp.maximum(weight, 1e-300)
-    reach = Reach(near.gap, none, back, step, 2 * step, weight, sticks, contact.CREEP * fall, ease, jnp.zeros(()), jnp.zeros_like(near.gap), jnp.zeros((), dtype=bool), walls.restitution)
+    reach = Reach(
+        room=near.gap,
+        here=none,
+        back=back,
+        step_s=step,
+        span_s=2 * step,
+        weight_s=weight,
+        stick=sticks,
+        creep=contact.CREEP * fall,
+        ease=ease,
+        stride=jnp.zeros(()),
+        restitution=jnp.where(blur > 1.0, 0.0, walls.restitution),
+        load=pushed,
+        lagging=jnp.asarray(blur > contact.LAGGING),
+    )
     return Meeting(near.rows, reach, _pad_rows(system, bodies), weight * system.pads.grip, stick)
 
 

@@ -20,7 +20,7 @@ from backend.simulate.step import SOLUTION, Solved, step
 
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
 BLUR = 10.0  # per cut, on the rate below which friction holds: where sticking is undecided, 1 µm of creep decides
-BLURRED = 6
+BLURRED = 6  # cuts after which it grows no more
 UNSOLVED = 10.0  # times the tolerance: a step that leaves more is cut in two
 
 
@@ -67,7 +67,9 @@ def depart(system: System, start: Start) -> Motion:
         lengthening=lengthening(system, strut_slope, start.velocity),
         opening=_opening(system, rows.value, rates),
         parting=meeting.partings(
-            system, meeting.meet(system, bodies, jnp.zeros(places), 0.0, jnp.zeros(()), 1.0), start.velocity
+            system,
+            meeting.meet(system, bodies, jnp.zeros(places), jnp.zeros(places), 0.0, jnp.zeros(()), 1.0),
+            start.velocity,
         ),
         impulses=Impulses(jnp.zeros((joints, 6)), _idle(walls), _idle(places), jnp.zeros((system.pads.count, 2))),
     )

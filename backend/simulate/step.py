@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
@@ -22,22 +21,22 @@ from backend.simulate.equations import (
     frame,
     lengthening,
     linearise,
+    softened,
 )
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows, momentum
 
-MAX_ITERATIONS = 45
-SLID = 0.1  # share of the sliding at which friction is half way, that sliding may be off at the default tolerance
-PATIENCE = 15
-FIRST = 30
-STAGES = 20
-HAZIEST = 1e4
-SOFTEST = 1e8
-FALL = 0.1
-LOOSE = 1e-6
-LARGEST_TURN = 1.0  # rad in one step: beyond it the quaternion step loses its inverse
-ENOUGH = 1e-4  # share of the linear fall of the merit that a step must bring
+MAX_ITERATIONS = 30  # of a step as it is asked
+PATIENCE = 15  # iterations of each softer problem
+STAGES = 20  # problems between a soft one and the one that is asked, at most
+SOFTEST = 1e8  # factor on the rate below which friction holds: all friction is then a faint damping
+HAZIEST = 1e4  # factor on the barrier of soft problems, at most
+FALL = 0.1  # of the softness from stage to stage; its root where that was too bold
+LOOSE = 1e-6  # error, in mechanism lengths, that a stage may leave to the next
+ENOUGH = 1e-4  # share of the linear fall of the merit that an iteration must bring
 SHORTEST = 0.02  # share of an iteration's change below which no better point is sought
+SLID = 0.1  # share of the sliding at which friction is half way, that sliding may be off at the default tolerance
+LARGEST_TURN = 1.0  # rad in one step: beyond it the quaternion step loses its inverse
 SOLUTION = "solution of a step"  # all that a derivative backwards in time keeps of it
 
 
@@ -51,11 +50,54 @@ class Solved(NamedTuple):
 
 @jax.custom_jvp
 def close(system: System, at: Frame, guess: Unknowns) -> Solved:
-    """Solve the step's equations by Newton's method."""
-    return _newton(system, at, guess)[0]
+    """Solve the step's equations by Newton's method.
+
+    Walls are followed along the curve s γ = κ, where no iterate ever turns negative, and an iteration is shortened
+    until it brings the residuals down.  Where that is not enough and friction lags (`Reach.lagging`), the way leads
+    from a problem with soft friction and a wide barrier, stage by stage, to the one that is asked.
+    """
+    if not (system.contacts.count or system.touches.count):
+        return _walk(system, at, 1.0, guess, MAX_ITERATIONS, system.tolerance)
+
+    def go_on(now: _Stage) -> _Stage:
+        plain = now.softness <= 1.0
+        enough = jnp.where(plain, system.tolerance, LOOSE)
+        first = now.left == stages
+        solved = _walk(system, at, now.softness, now.known, jnp.where(first, MAX_ITERATIONS, PATIENCE), enough)
+        arrived = solved.error <= enough
+        hopeless = ~arrived & (now.softness >= SOFTEST)
+        reached = jnp.where(arrived, now.softness, now.reached)
+        fall = jnp.where(arrived | first, now.fall, jnp.sqrt(now.fall))
+        return _Stage(
+            solved._replace(iterations=now.solved.iterations + solved.iterations),
+            jnp.where(first, SOFTEST, jnp.maximum(reached * fall, 1.0)),
+            jax.tree.map(lambda old, new: jnp.where(arrived, new, old), now.known, solved.unknowns),
+            reached,
+            fall,
+            jnp.where((arrived & plain) | hopeless, 0, now.left - 1),
+        )
+
+    stages = jnp.where(at.drive.reach.lagging, STAGES, 1)
+    one = jnp.ones(())
+    begin = _Stage(Solved(guess, jnp.asarray(0), jnp.inf * one), one, guess, SOFTEST * one, FALL * one, stages)
+    return lax.while_loop(lambda now: now.left > 0, go_on, begin).solved
 
 
-class _Walk(NamedTuple):
+class _Stage(NamedTuple):
+    """A problem on the way from a soft one to the one that is asked."""
+
+    solved: Solved
+    softness: Array
+    known: Unknowns
+    """Solution of the last stage that was solved."""
+    reached: Array
+    """Its softness."""
+    fall: Array
+    """Factor on the softness from stage to stage."""
+    left: Array
+
+
+class _Point(NamedTuple):
     """Where Newton's method stands."""
 
     unknowns: Unknowns
@@ -66,93 +108,45 @@ class _Walk(NamedTuple):
     merit: Array
 
 
-class _Stage(NamedTuple):
-    """A problem on the way from one that is soft to the one that is asked."""
-
-    walk: _Walk
-    softness: Array
-    known: Unknowns
-    """Solution of the last stage that was solved, and its softness."""
-    reached: Array
-    fall: Array
-    """Factor on the softness from stage to stage."""
-    left: Array
-
-
-def _newton(system: System, given: Frame, guess: Unknowns) -> tuple[Solved, kinematics.Rows]:
-    """The solution, and the joints' rows there."""
-    def softened(softness: float | Array) -> tuple[Frame, Array]:
-        return blurred(given, softness), _barrier(system, given) * jnp.minimum(softness, HAZIEST)
-
-    def looked(softness: float | Array, unknowns: Unknowns, iterations: int | Array) -> _Walk:
-        at, barrier = softened(softness)
-        residual, rows = equations(system, at, unknowns, barrier)
-        error, merit = _size(system, at, unknowns, residual, barrier)
-        return _Walk(unknowns, residual, rows, jnp.asarray(iterations), error, merit)
-
-    def walked(
-        softness: float | Array, begin: Unknowns, iterations: int | Array, last: int | Array, enough: float | Array
-    ) -> _Walk:
-        at, barrier = softened(softness)
-
-        def unfinished(now: _Walk) -> Bool[Array, ""]:
-            return (now.error > enough) & (now.iterations < last)
-
-        def iterate(now: _Walk) -> _Walk:
-            change = direction(system, linearise(system, at, now.unknowns, now.rows), now.residual)
-
-            def tried(share: Array) -> _Walk:
-                return looked(softness, _moved(at, now.unknowns, change, share, barrier), now.iterations + 1)
-
-            if not interior:
-                return tried(jnp.ones(()))
-
-            def short(carry: tuple[Array, _Walk]) -> Bool[Array, ""]:
-                share, then = carry
-                return (then.merit > (1.0 - ENOUGH * share) * now.merit) & (share > SHORTEST) & (then.error > enough)
-
-            def shorter(carry: tuple[Array, _Walk]) -> tuple[Array, _Walk]:
-                share = 0.5 * carry[0]
-                return share, tried(share)
-
-            nowhere = now._replace(merit=jnp.inf * jnp.ones(()), error=jnp.inf * jnp.ones(()))
-            return lax.while_loop(short, shorter, (2.0 * jnp.ones(()), nowhere))[1]
-
-        begin = _moved(at, begin, jax.tree.map(jnp.zeros_like, begin), 0.0, barrier)
-        return lax.while_loop(unfinished, iterate, looked(softness, begin, iterations))
-
+def _walk(
+    system: System, asked: Frame, softness: float | Array, begin: Unknowns, most: int | Array, enough: float | Array
+) -> Solved:
+    """Newton's method on one problem."""
+    at, barrier = softened(asked, softness), _barrier(system, asked) * jnp.minimum(softness, HAZIEST)
     interior = bool(system.contacts.count or system.touches.count)
-    if not interior:
-        end = walked(1.0, guess, 0, MAX_ITERATIONS, system.tolerance)
-        return Solved(end.unknowns, end.iterations, end.error), end.rows
 
-    stages = jnp.where(given.drive.reach.lagging, STAGES, 1)
+    def looked(unknowns: Unknowns, iterations: int | Array) -> _Point:
+        residual, rows = equations(system, at, unknowns, barrier)
+        error, merit = _size(system, at, unknowns, residual)
+        return _Point(unknowns, residual, rows, jnp.asarray(iterations), error, merit)
 
-    def stage(now: _Stage) -> _Stage:
-        plain = now.softness <= 1.0
-        enough = jnp.where(plain, system.tolerance, LOOSE)
-        patience = jnp.where(now.left == stages, FIRST, PATIENCE)
-        walk = walked(now.softness, now.known, now.walk.iterations, now.walk.iterations + patience, enough)
-        solved = walk.error <= enough
-        first = plain & (now.left == stages) & ~solved
-        known = jax.tree.map(lambda old, new: jnp.where(solved, new, old), now.known, walk.unknowns)
-        reached = jnp.where(solved, now.softness, now.reached)
-        fall = jnp.where(solved | first, now.fall, jnp.sqrt(now.fall))
-        softness = jnp.where(first, SOFTEST, jnp.maximum(reached * fall, 1.0))
-        hopeless = ~solved & (now.softness >= SOFTEST)
-        left = jnp.where((solved & plain) | hopeless, 0, now.left - 1)
-        return _Stage(walk, softness, known, reached, fall, left)
+    def unfinished(now: _Point) -> Bool[Array, ""]:
+        return (now.error > enough) & (now.iterations < most)
 
-    begin = _Stage(looked(1.0, guess, 0), jnp.ones(()), guess, SOFTEST * jnp.ones(()), FALL * jnp.ones(()), stages)
-    end = lax.while_loop(lambda now: now.left > 0, stage, begin).walk
-    return Solved(end.unknowns, end.iterations, end.error), end.rows
+    def iterate(now: _Point) -> _Point:
+        change = direction(system, linearise(system, at, now.unknowns, now.rows), now.residual)
 
+        def tried(share: float | Array) -> _Point:
+            return looked(_moved(at, now.unknowns, change, share, barrier), now.iterations + 1)
 
-def blurred(at: Frame, factor: Array) -> Frame:
-    reach, meet = at.drive.reach, at.meeting
-    drive = at.drive._replace(stick=at.drive.stick * factor, reach=reach._replace(stick=reach.stick * factor))
-    meet = meet._replace(stick=meet.stick * factor, reach=meet.reach._replace(stick=meet.reach.stick * factor))
-    return at._replace(drive=drive, meeting=meet)
+        if not interior:
+            return tried(1.0)
+
+        def worse(trial: tuple[Array, _Point]) -> Bool[Array, ""]:
+            share, then = trial
+            return (then.merit > (1.0 - ENOUGH * share) * now.merit) & (share > SHORTEST) & (then.error > enough)
+
+        def shorter(trial: tuple[Array, _Point]) -> tuple[Array, _Point]:
+            share = 0.5 * trial[0]
+            return share, tried(share)
+
+        nowhere = now._replace(error=jnp.full((), jnp.inf), merit=jnp.full((), jnp.inf))
+        return lax.while_loop(worse, shorter, (jnp.full((), 2.0), nowhere))[1]
+
+    if interior:
+        begin = _moved(at, begin, jax.tree.map(jnp.zeros_like, begin), 0.0, barrier)
+    end = lax.while_loop(unfinished, iterate, looked(begin, 0))
+    return Solved(end.unknowns, end.iterations, end.error)
 
 
 def _moved(at: Frame, unknowns: Unknowns, change: Unknowns, share: float | Array, barrier: Array) -> Unknowns:
@@ -174,7 +168,7 @@ def _moved(at: Frame, unknowns: Unknowns, change: Unknowns, share: float | Array
 def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
     """Implicit function theorem: the residual's change, sent back through the factored slope."""
     system, at, guess = primals
-    solved, rows = checkpoint_name(_newton(system, at, guess), SOLUTION)
+    solved = checkpoint_name(close(system, at, guess), SOLUTION)
     unknowns = solved.unknowns
 
     # The guess's own tangent is the first answer, so that only its small remainder goes through the stiff rows (1/ε):
@@ -185,7 +179,7 @@ def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
         return equations(system, at, unknowns, _barrier(system, at))[0]
 
     _, change = jax.jvp(moving, (system, at, unknowns), (*tangents[:2], first))
-    linearised = linearise(system, at, unknowns, rows)
+    linearised = linearise(system, at, unknowns, ahead(system, at, unknowns.xi))
     answer = jax.tree.map(jnp.add, first, direction(system, linearised, change))
     none = jnp.zeros((), dtype=jax.dtypes.float0)
     return solved, Solved(answer, none, jnp.zeros_like(solved.error))
@@ -200,7 +194,8 @@ def step(
 ) -> tuple[Motion, Solved]:
     """Advance one time step: move freely, close the joints, respect friction and walls.
 
-    blur: factor on the rate below which friction holds.
+    blur: factor on the rate below which friction holds; above 1 the step also leans on what is known at q_k, see
+    `frame`.
     """
     at = frame(system, motion, step_s, target, blur)
     solved = close(system, at, _guess(system, at, motion))
@@ -239,7 +234,9 @@ def _guess(system: System, at: Frame, motion: Motion) -> Unknowns:
     impulses, barrier = motion.impulses, _barrier(system, at)
 
     def begun(reach: Reach, gap: Array, push: Push) -> Push:
-        return contact.on_path(reach, reach.ease * push.normal - jnp.maximum(2 * gap - reach.back, 0.0), push.rub, barrier)
+        return contact.on_path(
+            reach, reach.ease * push.normal - jnp.maximum(2 * gap - reach.back, 0.0), push.rub, barrier
+        )
 
     if system.contacts.count:
         reach = at.drive.reach
@@ -257,7 +254,7 @@ def _barrier(system: System, at: Frame) -> Array:
 
 
 def _size(
-    system: System, at: Frame, unknowns: Unknowns, residual: Unknowns, barrier: Array
+    system: System, at: Frame, unknowns: Unknowns, residual: Unknowns
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Largest residual, and the sum of their squares, as displacements in mechanism lengths."""
     length = system.scale.length_m
@@ -279,7 +276,8 @@ def _size(
         slid = TOLERANCE / SLID * contact.slid(contacts, reach, push, off.rub) / reach.stick
         rubs.append((rub, jnp.minimum(rub, slid)))
     largest = jnp.max(jnp.stack([jnp.max(part, initial=0.0) for part in parts + [slid for _, slid in rubs]]))
-    return largest, sum(jnp.sum(part * part) for part in parts + [rub for rub, _ in rubs])
+    squares = [jnp.sum(part * part) for part in parts + [rub for rub, _ in rubs]]
+    return largest, jnp.sum(jnp.stack(squares))
 
 
 def _shortened(xi: BodyRows) -> BodyRows:
