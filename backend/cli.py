@@ -229,6 +229,34 @@ def fit(
             raise Failed(f"the fit did not converge: {result.report.message}")
 
 
+@app.command()
+def twin(
+    mechanism: MechanismFile,
+    fit: Annotated[
+        Path | None, typer.Option(help="fit.json: fitted values in place of drawn ones.", exists=True, dir_okay=False)
+    ] = None,
+    format: Annotated[Literal["mjcf", "urdf"], typer.Option(help="MJCF (MuJoCo), or URDF where it is a tree.")] = "mjcf",
+    step_s: Annotated[
+        float | None, typer.Option("--step", metavar="S", help="MuJoCo's time step [s]; chosen if not given.")
+    ] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Hand the fitted twin to another simulator: one file, and a list of what it cannot hold."""
+    with _answering(as_json) as answer:
+        from backend.mechanism.read import read_fit, read_mechanism
+
+        drawn = read_mechanism(mechanism)
+        report = read_fit(fit) if fit else None
+        folder = _folder(out, drawn.name)
+        with _progress("gathering"):
+            from backend.export.write import write_twin
+
+            path, written = write_twin(drawn, folder, report, format, step_s)
+        lines = [f"wrote     {path}", *(f"not in it {sentence}" for sentence in written.left_out)]
+        answer({"file": str(path), "format": format, "left_out": written.left_out}, "\n".join(lines))
+
+
 def _settings(pairs: list[str]) -> dict[str, str]:
     """`cells=23` -> {"cells": "23"}; the script's own declarations say what type each has."""
     chosen: dict[str, str] = {}

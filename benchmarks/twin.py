@@ -114,7 +114,7 @@ def _followed(model: mujoco.MjModel, data: mujoco.MjData, duration_s: float) -> 
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     every, count = round(SEEN_S / model.opt.timestep), round(duration_s / SEEN_S) + 1
     names = {model.body(i).name: i for i in range(1, model.nbody)}
-    scalar = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    scalar = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     joints = {model.joint(i).name: model.jnt_qposadr[i] for i in range(model.njnt) if model.jnt_type[i] in scalar}
     place = {name: np.zeros((count, 3)) for name in names}
     turned = {name: np.zeros((count, 3, 3)) for name in names}
@@ -129,7 +129,7 @@ def _followed(model: mujoco.MjModel, data: mujoco.MjData, duration_s: float) -> 
         for name, at in joints.items():
             q[name][n] = data.qpos[at]
         energy[n] = data.energy
-        held = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        held = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         opened = max(opened, float(np.abs(data.efc_pos[held]).max(initial=0.0)))
     total = energy.sum(1)
     lost = float(np.ptp(total) / max(energy[:, 1].max(), 1e-300))

@@ -10,22 +10,25 @@ import numpy as np
 
 from backend.export.loops import Branch, Closing, Tree, spanning_tree
 from backend.export.markup import Written, document, numbers, quaternion
+from backend.export.pace import hasty, stiffened, steady_step
 from backend.export.twin import Push, Twin, TwinBody, TwinJoint, physical
 
-STEP_S = 2.5e-4
 CONSTRAINT_STEPS = 4.0  # time in which an equality takes an error back, in steps; docs/twin.md has others
 IMPEDANCE = "0.9999 0.9999 0.001 0.5 2"  # MuJoCo's largest; its default lets loops give way and lose energy
 STOP_DAMPING = 4.0  # over critical: at 1 a stop throws back 14% of the speed
 BONE = 0.015  # thickness of the sticks that stand for bodies, in sizes of the mechanism
 
 
-def mjcf(twin: Twin, step_s: float = STEP_S, constraint_steps: float = CONSTRAINT_STEPS) -> Written:
+def mjcf(twin: Twin, step_s: float | None = None, constraint_steps: float = CONSTRAINT_STEPS) -> Written:
     """An MJCF document that MuJoCo loads as it stands, and a sentence for what it does not hold.
 
-    step_s: MuJoCo's time step [s].  constraint_steps: time constant of equalities and stops, in steps.
+    step_s: MuJoCo's time step [s]; by default 0.25 ms, shorter where springs or dampers ask for it.
+    constraint_steps: time constant of equalities and stops, in steps.
     """
+    twin, rigid = stiffened(twin)
+    step_s = step_s or steady_step(twin)
     tree = spanning_tree(twin)
-    left_out = [*twin.left_out, *_sentences(twin)]
+    left_out = [*twin.left_out, *_sentences(twin), *rigid, *hasty(twin, step_s)]
     root = Element("mujoco", model=twin.name)
     SubElement(root, "compiler", angle="radian", autolimits="true")
     SubElement(
