@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Iterator
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from backend.effects.effect import AbstractEffect
 from backend.effects.shapes import (
@@ -30,12 +32,12 @@ from backend.export.twin import Effort, Push, Spring, Twin, TwinBody, TwinJoint
 from backend.mechanism.joint import WITHOUT_COORDINATE
 from backend.mechanism.mechanism import Mechanism
 from backend.model.build import build
+from backend.model.drawing import Drawing
 from backend.model.model import Model
 from backend.model.placed import Placed
 from backend.model.state import Pose, drawn_pose
 from backend.model.system import System, redraw, system
 from backend.simulate import kinematics
-from backend.simulate.assemble import worst_gap
 from backend.simulate.run import assembled
 
 CLOSED = 1e-10  # of the mechanism's length: an assembly would move nothing that another simulator could see
@@ -52,37 +54,52 @@ WHOLE = (
 def gather(mechanism: Mechanism) -> Twin:
     """The twin in the pose in which a simulation starts.  Raises ValueError where loops cannot be closed."""
     model = build(mechanism)
-    plant = system(model)
-    pose = drawn_pose(model, plant)
-    gap = worst_gap(plant, pose)
-    if max(gap.offset_m / float(plant.scale.length_m), gap.tilt_rad) > CLOSED:
+    plant, real, pose, rows = _drawn(model)
+    held = plant.held_rows & ~plant.coordinate_rows
+    unit = np.array([1.0 / float(plant.scale.length_m)] * 3 + [1.0] * 3)
+    if np.abs(np.where(held, np.asarray(rows) * unit, 0.0)).max(initial=0.0) > CLOSED:
         pose = assembled(model, plant)
+    placed, q = _placed(plant, pose)
     names = _names(model)
-    joints, efforts = _joints(model, plant, pose)
+    joints, efforts = _joints(model, plant, np.asarray(q))
     springs, bent = _springs(plant)
-    pushes, odd = _pushes(model)
+    pushes, odd = _pushes(model, real)
+    stretch, points = np.asarray(plant.stretch), np.asarray(model.marker_points)
     return Twin(
         name=mechanism.name,
-        gravity=np.asarray(redraw(model).gravity),
-        bodies=_bodies(model, plant, pose),
+        gravity=np.asarray(real.gravity),
+        bodies=_bodies(model, plant, placed),
         joints=joints,
         springs=springs,
         efforts=efforts,
         pushes=pushes,
         markers=tuple(
-            (id_, names[slot], np.asarray(plant.stretch[slot] @ point))
-            for id_, slot, point in zip(model.marker_ids, model.marker_bodies, model.marker_points, strict=True)
+            (id_, names[slot], stretch[slot] @ point)
+            for id_, slot, point in zip(model.marker_ids, model.marker_bodies, points, strict=True)
         ),
         left_out=(*_left_out(model), *bent, *odd, *_unsimulated_limits(mechanism)),
     )
+
+
+@eqx.filter_jit
+def _drawn(model: Model) -> tuple[System, Drawing, Pose, Array]:
+    """The model in numbers, the parts as they really are, the drawn pose, and how far its joints are open."""
+    plant = system(model)
+    pose = drawn_pose(model, plant)
+    return plant, redraw(model), pose, kinematics.rows(plant, kinematics.bodies(plant, pose)).value
+
+
+@eqx.filter_jit
+def _placed(plant: System, pose: Pose) -> tuple[kinematics.Bodies, Array]:
+    placed = kinematics.bodies(plant, pose)
+    return placed, kinematics.coordinates(plant, placed)
 
 
 def _names(model: Model) -> list[str]:
     return [str(id_) for id_ in model.topology.body_ids + model.topology.fixed_ids]
 
 
-def _bodies(model: Model, plant: System, pose: Pose) -> tuple[TwinBody, ...]:
-    placed = kinematics.bodies(plant, pose)
+def _bodies(model: Model, plant: System, placed: kinematics.Bodies) -> tuple[TwinBody, ...]:
     position, rotation, center = (np.asarray(x) for x in (placed.position, placed.rotation, plant.center_of_mass))
     mass, inertia, slots = np.asarray(plant.mass), np.asarray(plant.inertia), model.topology.slots
     made = []
@@ -95,9 +112,16 @@ def _bodies(model: Model, plant: System, pose: Pose) -> tuple[TwinBody, ...]:
     return tuple(made)
 
 
-def _joints(model: Model, plant: System, pose: Pose) -> tuple[tuple[TwinJoint, ...], tuple[Effort, ...]]:
-    topology, names, center = model.topology, _names(model), np.asarray(plant.center_of_mass)
-    q = np.asarray(kinematics.coordinates(plant, kinematics.bodies(plant, pose)))
+def _joints(
+    model: Model, plant: System, q: Float[np.ndarray, "joints"]
+) -> tuple[tuple[TwinJoint, ...], tuple[Effort, ...]]:
+    topology, names = model.topology, _names(model)
+    center, p_A, p_B, R_AF, R_BF, damping, rotor = (
+        np.asarray(x)
+        for x in (
+            plant.center_of_mass, plant.point_a, plant.point_b, plant.axes_a, plant.axes_b, plant.damping, plant.rotor
+        )
+    )  # fmt: skip
     count = len(topology.joint_ids)
     stiffness, preload = np.array(plant.stiffness), np.zeros(count)
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
@@ -122,9 +146,8 @@ def _joints(model: Model, plant: System, pose: Pose) -> tuple[tuple[TwinJoint, .
         joints.append(
             TwinJoint(
                 id_, type_, names[a], names[b],
-                p_A=np.asarray(plant.point_a[i]) + center[a], R_AF=np.asarray(plant.axes_a[i]),
-                p_B=np.asarray(plant.point_b[i]) + center[b], R_BF=np.asarray(plant.axes_b[i]),
-                q=float(q[i]), damping=float(plant.damping[i]), dry=float(dry[i]), rotor=float(plant.rotor[i]),
+                p_A=p_A[i] + center[a], R_AF=R_AF[i], p_B=p_B[i] + center[b], R_BF=R_BF[i],
+                q=float(q[i]), damping=float(damping[i]), dry=float(dry[i]), rotor=float(rotor[i]),
                 stiffness=float(stiffness[i]), preload=float(preload[i]),
                 lower=_open(lower[i]), upper=_open(upper[i]), driven=driven.get(i),
             )
@@ -171,9 +194,9 @@ def _springs(plant: System) -> tuple[tuple[Spring, ...], list[str]]:
     return tuple(springs), odd
 
 
-def _pushes(model: Model) -> tuple[tuple[Push, ...], list[str]]:
+def _pushes(model: Model, real: Drawing) -> tuple[tuple[Push, ...], list[str]]:
     """Applied forces and torques; any other force on bodies is left out by name."""
-    names, drawing, made, odd = _names(model), redraw(model), [], []
+    names, stretch, made, odd = _names(model), np.asarray(real.stretch), [], []
     for placed in model.of(AbstractBodyForce):
         for row, (a, b) in zip(placed.rows, placed.places, strict=True):
             values = {n: np.asarray(getattr(placed.effect, n)[row]) for n in placed.effect.declarations()}
@@ -182,7 +205,7 @@ def _pushes(model: Model) -> tuple[tuple[Push, ...], list[str]]:
             if along is None or size is None:
                 odd.append(f"effect '{placed.ids[row]}': {placed.effect.kind} has no counterpart")
                 continue
-            point = np.asarray(drawing.stretch[a]) @ values.get("point_m", np.zeros(3))
+            point = stretch[a] @ values.get("point_m", np.zeros(3))
             unit, torque = along / np.linalg.norm(along), "axis" in values
             made.append(Push(placed.ids[row], names[a], names[b], point, unit, float(size), torque))
     return tuple(made), odd

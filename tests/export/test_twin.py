@@ -36,7 +36,7 @@ from tests.mechanisms import (
     spatial_fourbar,
 )
 
-DURATION_S, STEP_S = 0.3, 5e-4
+DURATION_S, STEP_S = 0.15, 5e-4
 GREASE = effect("grease", "viscous_friction", "all", damping_n_m_s_per_rad=1e-3)
 SEALS = effect("seals", "coulomb_friction", "all", friction_torque_n_m=2e-3)
 
@@ -69,7 +69,7 @@ def side_by_side():
 
 
 def test_the_copy_moves_as_the_twin_does(side_by_side):
-    """Second order in our step: 5e-4 s leaves a quarter of what 1e-3 s does, 3e-4 rad at most."""
+    """What our step of 0.5 ms leaves, second order in the step; MuJoCo's own error is far below it."""
     twin, run, copy = side_by_side
     assert run.done
     far, turned = apart(run, copy)
@@ -93,23 +93,24 @@ def test_loops_of_the_copy_stay_closed(side_by_side):
     assert 0.0 < side_by_side[2].open_m < 2e-7
 
 
-@pytest.mark.parametrize(
-    ("linkage", "closed_by"),
-    [
-        (fourbar(), ["connect"]),
-        (bennett(), ["connect"]),
-        (scissor(3), ["connect", "connect"]),
-        (spatial_fourbar(), ["connect"]),
-        (slider_crank(), ["connect"]),
-        (fourbar([effect("one", "viscous_friction", ["j4"], damping_n_m_s_per_rad=1e-3)]), ["connect"]),
-        (fourbar([GREASE]), ["halves"]),
-        (spatial_fourbar(("universal", "revolute")), ["connect twice"]),
-    ],
-    ids=["four-bar", "Bennett", "scissor", "RSSR", "slider-crank", "one laden pin", "laden pins", "RURR"],
-)
-def test_a_loop_is_closed_by_as_little_as_holds_it(linkage, closed_by):
+def test_a_loop_is_closed_by_as_little_as_holds_it():
     """One point where the loop keeps the pin's axis itself; a cut body only where every pin has friction."""
-    assert [closing.how for closing in spanning_tree(gather(linkage)).closings] == closed_by
+    one = effect("one", "viscous_friction", ["j4"], damping_n_m_s_per_rad=1e-3)
+    linkages = {
+        "four-bar": (fourbar(), ["connect"]),
+        "one laden pin": (fourbar([one]), ["connect"]),
+        "laden pins": (fourbar([GREASE]), ["halves"]),
+        "Bennett": (bennett(), ["connect"]),
+        "scissor": (scissor(3), ["connect", "connect"]),
+        "slider-crank": (slider_crank(), ["connect"]),
+        "RSSR": (spatial_fourbar(), ["connect"]),
+        "RURR": (spatial_fourbar(("universal", "revolute")), ["connect twice"]),
+    }
+    twin = gather(beside({name: linkage for name, (linkage, _) in linkages.items()}, (0, -9.81, 0)))
+    found = {name: [] for name in linkages}
+    for closing in spanning_tree(twin).closings:
+        found[closing.joint.id.split(".")[0]].append(closing.how)
+    assert found == {name: closed_by for name, (_, closed_by) in linkages.items()}
 
 
 def test_a_stop_of_the_copy_holds():
@@ -140,26 +141,34 @@ def test_a_prescribed_joint_of_the_copy_stays_where_it_is_held():
 
 
 def test_a_tree_as_urdf_moves_as_it_does_as_mjcf():
-    """MuJoCo reads both; URDF's angles are turned from q = 0, where MJCF starts from the pose."""
-    tree = beside({"double": turned_about(double_pendulum([GREASE, SEALS]), "elbow"),
-                   "bead": turned_about(bead_on_bar(), "rail")}, gravity=(0.8, -9.7, 1.1))  # fmt: skip
-    drawn = document(tree)
-    # Drawn away from q = 0, so that a wrong zero would show.
-    tilted = Rotation.from_rotvec([0, 0, 0.7])
-    for joint in drawn["joints"]:
-        if joint["id"] == "double.shoulder":
-            frame = Rotation.from_quat(joint["frame_a"]["quaternion_wxyz"], scalar_first=True) * tilted
-            joint["frame_a"]["quaternion_wxyz"] = [float(x) for x in frame.as_quat(scalar_first=True)]
+    """MuJoCo reads both; URDF's angles are counted from q = 0, and MJCF starts where the twin is drawn.
+
+    Dry friction's size is compared, not its motion: how hard it holds is MuJoCo's own setting, not URDF's.
+    """
+    drawn = document(
+        beside(
+            {
+                "double": turned_about(double_pendulum([GREASE]), "elbow"),
+                "bead": turned_about(bead_on_bar(), "rail"),
+            },
+            gravity=(0.8, -9.7, 1.1),
+        )
+    )
+    shoulder = next(joint for joint in drawn["joints"] if joint["id"] == "double.shoulder")
+    frame = Rotation.from_quat(shoulder["frame_a"]["quaternion_wxyz"], scalar_first=True)
+    tilted = frame * Rotation.from_rotvec([0, 0, 0.7])  # drawn away from q = 0: a wrong zero would show
+    shoulder["frame_a"]["quaternion_wxyz"] = [float(x) for x in tilted.as_quat(scalar_first=True)]
     tree = parse_mechanism(drawn)
-    one, other = follow(mjcf(gather(tree)).text, DURATION_S), follow_urdf(tree, DURATION_S)
-    assert abs(one.q["double.shoulder"][0] + 0.7) < 1e-12
-    for joint in one.q:
-        np.testing.assert_allclose(other.q[joint], one.q[joint], atol=1e-6, err_msg=joint)  # friction's solver settings
-    for name, place in one.place_m.items():
-        if name in other.place_m and name != "double.upper":
-            attitude = other.attitude[name]
-            assert np.abs(attitude - one.attitude[name]).max() < 1e-6
-    assert place.shape
+    as_mjcf, as_urdf = follow(mjcf(gather(tree)).text, 0.3), follow_urdf(tree, 0.3)
+    assert as_mjcf.q["double.shoulder"][0] == pytest.approx(-0.7, abs=1e-12)
+    assert set(as_urdf.q) == set(as_mjcf.q)
+    for joint, q in as_mjcf.q.items():
+        assert np.ptp(q) > 0.01, joint
+        np.testing.assert_allclose(as_urdf.q[joint], q, atol=1e-9, err_msg=joint)
+    for name in ("double.lower", "bead.bead"):
+        np.testing.assert_allclose(as_urdf.attitude[name], as_mjcf.attitude[name], atol=1e-9)
+    rubbing = urdf(gather(pendulum(effects=[SEALS]))).text
+    assert mujoco.MjModel.from_xml_string(rubbing).dof_frictionloss[0] == 2e-3
 
 
 def test_urdf_refuses_loops_and_joints_it_lacks():
@@ -241,7 +250,7 @@ def test_a_flat_plate_has_an_inertia_that_mujoco_takes():
 
 def test_attitudes_are_written_as_they_are():
     turns = Rotation.random(200, rng=np.random.default_rng(3)).as_matrix()
-    for R in (*turns, *Rotation.from_euler("y", [90, -90], degrees=True).as_matrix()):
+    for R in (*turns, *Rotation.from_euler("y", [[90], [-90]], degrees=True).as_matrix()):
         np.testing.assert_allclose(Rotation.from_quat(quaternion(R), scalar_first=True).as_matrix(), R, atol=1e-12)
         np.testing.assert_allclose(Rotation.from_euler("xyz", roll_pitch_yaw(R)).as_matrix(), R, atol=1e-12)
 
