@@ -235,7 +235,9 @@ def twin(
     fit: Annotated[
         Path | None, typer.Option(help="fit.json: fitted values in place of drawn ones.", exists=True, dir_okay=False)
     ] = None,
-    format: Annotated[Literal["mjcf", "urdf"], typer.Option(help="MJCF (MuJoCo), or URDF where it is a tree.")] = "mjcf",
+    format: Annotated[
+        Literal["mjcf", "urdf"], typer.Option(help="MJCF (MuJoCo), or URDF where it is a tree.")
+    ] = "mjcf",
     step_s: Annotated[
         float | None, typer.Option("--step", metavar="S", help="MuJoCo's time step [s]; chosen if not given.")
     ] = None,

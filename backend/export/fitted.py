@@ -25,7 +25,9 @@ def fitted(mechanism: Mechanism, report: FitReport) -> Mechanism:
         for effect, name in free.addresses:
             found.setdefault(effect, {})[name] = values[free.name]
     effects = [*mechanism.effects, *freedom.added]
-    return mechanism.model_copy(update={"effects": tuple(_with(effect, found.get(effect.id, {})) for effect in effects)})
+    return mechanism.model_copy(
+        update={"effects": tuple(_with(effect, found.get(effect.id, {})) for effect in effects)}
+    )
 
 
 def _with(effect: Effect, values: dict[str, float]) -> Effect:

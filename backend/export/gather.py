@@ -1,4 +1,4 @@
-"""From a drawing with its effects to the twin: every number that acts, and a sentence for what has no counterpart."""
+"""From a drawing with its effects to the twin: every number that acts, in the pose in which a simulation starts."""
 
 from collections.abc import Callable, Iterator
 
@@ -8,33 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from backend.effects.effect import AbstractEffect
 from backend.effects.shapes import (
-    AbstractBedFriction,
     AbstractBodyForce,
-    AbstractClock,
-    AbstractDrag,
-    AbstractDrawnError,
-    AbstractDryFriction,
-    AbstractJointClearance,
-    AbstractJointDamping,
     AbstractJointEffort,
-    AbstractJointInertia,
     AbstractJointMotion,
     AbstractJointStop,
-    AbstractLinkContact,
     AbstractRateFriction,
-    AbstractSection,
-    AbstractStrut,
-    AbstractView,
 )
+from backend.export.left_out import left_out, unsimulated_limits
 from backend.export.twin import Effort, Push, Spring, Twin, TwinBody, TwinJoint
-from backend.mechanism.joint import WITHOUT_COORDINATE
 from backend.mechanism.mechanism import Mechanism
 from backend.model.build import build
 from backend.model.drawing import Drawing
-from backend.model.model import Model
-from backend.model.placed import Placed
+from backend.model.model import Model, Shape
 from backend.model.state import Pose, drawn_pose
 from backend.model.system import System, redraw, system
 from backend.simulate import kinematics
@@ -44,11 +30,6 @@ CLOSED = 1e-10  # of the mechanism's length: an assembly would move nothing that
 LINEAR = 1e-9  # relative: a law that is as straight as this is written as a straight one
 FAST = 1e6  # rad/s or m/s at which friction that falls with speed has reached its sliding level
 NO_STOP = 999.0  # rad or m: a stop declared on one side has its other end out here
-MANY = 6  # places that a sentence names
-WHOLE = (
-    AbstractJointDamping, AbstractJointInertia, AbstractJointEffort, AbstractJointMotion, AbstractBodyForce,
-    AbstractStrut, AbstractSection, AbstractDrawnError,
-)  # fmt: skip
 
 
 def gather(mechanism: Mechanism) -> Twin:
@@ -77,7 +58,7 @@ def gather(mechanism: Mechanism) -> Twin:
             (id_, names[slot], stretch[slot] @ point)
             for id_, slot, point in zip(model.marker_ids, model.marker_bodies, points, strict=True)
         ),
-        left_out=(*_left_out(model), *bent, *odd, *_unsimulated_limits(mechanism)),
+        left_out=(*left_out(model), *bent, *odd, *unsimulated_limits(mechanism)),
     )
 
 
@@ -107,8 +88,10 @@ def _bodies(model: Model, plant: System, placed: kinematics.Bodies) -> tuple[Twi
         if id_ is None:
             continue
         origin = position[i] - rotation[i] @ center[i]
-        weighs = (float(mass[i]), center[i], inertia[i]) if i < slots else ()
-        made.append(TwinBody(id_, i >= slots, origin, rotation[i], *weighs))
+        if i < slots:
+            made.append(TwinBody(id_, False, origin, rotation[i], float(mass[i]), center[i], inertia[i]))
+        else:
+            made.append(TwinBody(id_, True, origin, rotation[i]))
     return tuple(made)
 
 
@@ -126,19 +109,19 @@ def _joints(
     stiffness, preload = np.array(plant.stiffness), np.zeros(count)
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     dry, driven, efforts = np.array(plant.dry_limit), dict[int, float](), []
-    for placed, row, joint, effect in _rows(model, AbstractJointEffort):
+    for id_, joint, effect in _rows(model, AbstractJointEffort):
         at_zero, slope = _straight(lambda x, e=effect: float(e.effort(jnp.asarray(x))))
         if any(d.drive for d in effect.declarations().values()):
-            efforts.append(Effort(placed.ids[row], topology.joint_ids[joint], at_zero))
+            efforts.append(Effort(id_, topology.joint_ids[joint], at_zero))
         else:
             stiffness[joint] -= slope
             preload[joint] += at_zero
-    for _, _, joint, effect in _rows(model, AbstractJointStop):
+    for _, joint, effect in _rows(model, AbstractJointStop):
         low, high = map(float, effect.ends())
         lower[joint], upper[joint] = max(lower[joint], low), min(upper[joint], high)
-    for _, _, joint, effect in _rows(model, AbstractRateFriction):
+    for _, joint, effect in _rows(model, AbstractRateFriction):
         dry[joint] += float(effect.limit(jnp.asarray(FAST)))
-    for _, _, joint, effect in _rows(model, AbstractJointMotion):
+    for _, joint, effect in _rows(model, AbstractJointMotion):
         driven[joint] = float(effect.target())
     joints = []
     for i, (id_, type_) in enumerate(zip(topology.joint_ids, topology.joint_types, strict=True)):
@@ -167,11 +150,13 @@ def _straight(law: Callable[[float], float]) -> tuple[float, float]:
     return at_zero, 0.5 * (above - below)
 
 
-def _rows(model: Model, shape: type) -> Iterator[tuple[Placed, int, int, AbstractEffect]]:
-    """Each place where an effect of a shape acts: its batch, its row, its first place, the effect itself."""
+def _rows(model: Model, shape: type[Shape]) -> Iterator[tuple[str, int, Shape]]:
+    """Each joint at which an effect of a shape acts: the effect's id, the joint, the effect itself."""
     for placed in model.of(shape):
-        for row, (place, *_) in zip(placed.rows, placed.places, strict=True):
-            yield placed, row, place, jax.tree.map(lambda leaf, r=row: leaf[r], placed.effect)
+        for row, (joint, *_) in zip(placed.rows, placed.places, strict=True):
+            effect = jax.tree.map(lambda leaf, r=row: leaf[r], placed.effect)
+            if isinstance(effect, shape):
+                yield placed.ids[row], joint, effect
 
 
 def _springs(plant: System) -> tuple[tuple[Spring, ...], list[str]]:
@@ -209,60 +194,3 @@ def _pushes(model: Model, real: Drawing) -> tuple[tuple[Push, ...], list[str]]:
             unit, torque = along / np.linalg.norm(along), "axis" in values
             made.append(Push(placed.ids[row], names[a], names[b], point, unit, float(size), torque))
     return tuple(made), odd
-
-
-def _absent(placed: Placed, row: int) -> bool:
-    """Whether an effect does nothing: every size it has is zero."""
-    declared = placed.effect.declarations().items()
-    sizes = [n for n, d in declared if d.size == 1 and (d.lower == 0.0 or d.default == 0.0)]
-    return all(float(getattr(placed.effect, n)[row]) == 0.0 for n in sizes)
-
-
-def _left_out(model: Model) -> Iterator[str]:
-    """A sentence per effect that is handed on in part or not at all."""
-    for placed in model.effects:
-        for row, id_ in enumerate(placed.ids):
-            if _absent(placed, row):
-                continue
-            effect = jax.tree.map(lambda leaf, r=row: leaf[r], placed.effect)
-            if sentence := _sentence(effect):
-                yield f"effect '{id_}' ({effect.kind}{_where(model, placed, row)}): {sentence}"
-
-
-def _where(model: Model, placed: Placed, row: int) -> str:
-    """The joints or bodies at which a row acts, in words."""
-    if placed.effect.acts_on not in ("joint", "body", "bodies"):
-        return ""
-    names = model.topology.joint_ids if placed.effect.acts_on == "joint" else _names(model)
-    on = [names[i] for r, place in zip(placed.rows, placed.places, strict=True) if r == row for i in place]
-    shown = on if len(on) < MANY else [*on[: MANY - 2], f"{len(on) - MANY + 2} more"]
-    return f" at {', '.join(shown)}"
-
-
-def _sentence(effect: AbstractEffect) -> str:
-    """What of an effect stays behind; empty where nothing does."""
-    if isinstance(effect, AbstractJointClearance):
-        return "the pin sits tight in its hole"
-    if isinstance(effect, AbstractDryFriction):
-        unloaded, loaded = (float(effect.limit(jnp.asarray(load), jnp.ones(()))) for load in (0.0, 1.0))
-        return "friction that grows with the load is left out" if loaded != unloaded else ""
-    if isinstance(effect, AbstractRateFriction):
-        return "friction keeps its sliding level at every speed, without the rise at rest"
-    if isinstance(effect, AbstractJointStop):
-        return "how far its ends throw a body back is left out" if float(effect.wall().restitution) > 0.0 else ""
-    if isinstance(effect, AbstractDrag):
-        return "drag of the air is left out"
-    if isinstance(effect, AbstractBedFriction):
-        return "friction on the bed is left out"
-    if isinstance(effect, AbstractLinkContact):
-        return "links pass through each other"
-    if isinstance(effect, AbstractView | AbstractClock):
-        return "it belongs to the measurement, not to the mechanism"
-    return "" if isinstance(effect, WHOLE) else "it has no counterpart"
-
-
-def _unsimulated_limits(mechanism: Mechanism) -> Iterator[str]:
-    """Limits of the drawing bound nothing in the twin, so they bound nothing in its copies."""
-    for joint in mechanism.joints:
-        if joint.limits is not None and joint.type not in WITHOUT_COORDINATE:
-            yield f"joint '{joint.id}': its drawn limits stop nothing, as in the twin; a joint_stop effect does"

@@ -10,7 +10,7 @@ import numpy as np
 
 from backend.export.loops import Branch, Closing, Tree, spanning_tree
 from backend.export.markup import Written, document, numbers, quaternion
-from backend.export.pace import hasty, stiffened, steady_step
+from backend.export.pace import hasty, steady_step, stiffened
 from backend.export.twin import Push, Twin, TwinBody, TwinJoint, physical
 
 CONSTRAINT_STEPS = 4.0  # time in which an equality takes an error back, in steps; docs/twin.md has others
@@ -182,9 +182,7 @@ def _close(twin: Twin, tree: Tree, closing: Closing, made: dict[str, Element], e
         _natives(twin, half, closing)
         _weigh(half, twin.body(child), 1.0 / (1 + cuts))
         other, parent = f"{child}:{joint.id}", child
-    SubElement(
-        equality, "weld", name=f"{joint.id}:weld", body1=parent, body2=other, torquescale=numbers(twin.size)
-    )
+    SubElement(equality, "weld", name=f"{joint.id}:weld", body1=parent, body2=other, torquescale=numbers(twin.size))
 
 
 def _springs(twin: Twin, made: dict[str, Element], tendon: Element) -> None:
@@ -200,7 +198,7 @@ def _springs(twin: Twin, made: dict[str, Element], tendon: Element) -> None:
 
 def _drive(actuator: Element, name: str, size: float, **on: str) -> None:
     """ctrl adds to the drawn size: without any control the copy moves as the twin does."""
-    SubElement(actuator, "general", name=name, biastype="affine", biasprm=numbers([size, 0, 0]), **on)
+    SubElement(actuator, "general", {"name": name, "biastype": "affine", "biasprm": numbers([size, 0, 0]), **on})
 
 
 def _push(twin: Twin, push: Push, made: dict[str, Element], actuator: Element) -> None:
@@ -213,9 +211,7 @@ def _push(twin: Twin, push: Push, made: dict[str, Element], actuator: Element) -
         point = body.R_WB.T @ (p_W - body.p_WB)
         SubElement(made[id_], "site", name=push.id + suffix, pos=numbers(point))
         gear = np.concatenate([np.zeros(3), push.direction] if push.torque else [push.direction, np.zeros(3)])
-        _drive(
-            actuator, push.id + suffix, push.size, site=push.id + suffix, refsite="world", gear=numbers(sign * gear)
-        )
+        _drive(actuator, push.id + suffix, push.size, site=push.id + suffix, refsite="world", gear=numbers(sign * gear))
 
 
 def _grounded(twin: Twin, joint: TwinJoint) -> bool:

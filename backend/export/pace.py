@@ -24,7 +24,9 @@ def stiffened(twin: Twin) -> tuple[Twin, list[str]]:
     for joint in twin.joints:
         if joint.stiffness * _ease(twin, joint) > (RESOLVED / SHORTEST_S) ** 2:
             rigid[joint.id] = replace(joint, type="fixed", stiffness=0.0, preload=0.0, damping=0.0, dry=0.0, rotor=0.0)
-            said.append(f"joint '{joint.id}': its spring of {joint.stiffness:.3g} is too stiff for any step: it is rigid")
+            said.append(
+                f"joint '{joint.id}': its spring of {joint.stiffness:.3g} is too stiff for any step: it is rigid"
+            )
     joints = tuple(rigid.get(joint.id, joint) for joint in twin.joints)
     return replace(twin, joints=joints), said
 

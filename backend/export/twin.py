@@ -1,4 +1,4 @@
-"""A fitted mechanism in the terms that other simulators share: rigid bodies, joints with their numbers, springs, drives.
+"""A fitted mechanism in terms that other simulators share: rigid bodies, joints with their numbers, springs, drives.
 
 World axes W; points and axes are given in a body's own CAD frame, SI.  The pose is that in which a simulation starts.
 """
@@ -16,7 +16,7 @@ Matrix = Float[np.ndarray, "3 3"]
 
 @dataclass(frozen=True)
 class TwinBody:
-    """A rigid body: pose X_WB, centre of mass in body axes [m], inertia about it [kg m²]; a fixed one weighs nothing."""
+    """A rigid body: pose X_WB, centre of mass in body axes [m], inertia about it [kg m²]; none where fixed."""
 
     id: str
     fixed: bool
@@ -91,7 +91,7 @@ class Effort:
 
 @dataclass(frozen=True)
 class Push:
-    """A drive along a direction fixed in W: a force [N] at a point of body a, or a torque [N m]; b takes the reaction."""
+    """A drive along a direction of W: a force [N] at a point of body a, or a torque [N m]; b takes the reaction."""
 
     id: str
     a: str

@@ -45,7 +45,9 @@ def urdf(twin: Twin) -> Written:
             SubElement(inertial, "origin", xyz=numbers(body.center - links[body.id].p_BL), rpy="0 0 0")
             SubElement(inertial, "mass", value=numbers(body.mass))
             J = physical(body.inertia)
-            moments = {f"i{a}{b}": numbers(J["xyz".index(a), "xyz".index(b)]) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
+            moments = {
+                f"i{a}{b}": numbers(J["xyz".index(a), "xyz".index(b)]) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+            }
             SubElement(inertial, "inertia", moments)
         if body.fixed or body.id in tree.roots:
             type_ = "fixed" if body.fixed else "floating"
