@@ -37,10 +37,7 @@ class Copy(NamedTuple):
 
 def main() -> None:
     """Print what parts twin and copy, then how that depends on the copy's step and stiffness."""
-    print(
-        "| mechanism, 0.5 s from rest | equalities | apart at 0.5 s | largest, over size | turned apart, rad |", end=""
-    )
-    print(" loops open, m |")
+    print("| mechanism, 0.5 s from rest | equalities | apart by 0.1 s | largest, over size | turned, rad | open, m |")
     print("|---|---|---|---|---|---|")
     cases = linkages()
     runs = {name: simulate(mechanism, DURATION_S, 1e-4) for name, mechanism in cases.items()}
