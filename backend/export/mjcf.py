@@ -35,6 +35,7 @@ def mjcf(twin: Twin, step_s: float | None = None, constraint_steps: float = CONS
         root, "option", timestep=numbers(step_s), gravity=numbers(twin.gravity), integrator="RK4", tolerance="1e-14",
         iterations="200",
     )  # fmt: skip
+    SubElement(SubElement(root, "visual"), "headlight", ambient="0.5 0.5 0.5")
     _defaults(root, constraint_steps * step_s)
     world = SubElement(root, "worldbody")
     made = _grown(twin, tree, world)
@@ -110,15 +111,15 @@ def _weigh(element: Element, body: TwinBody, share: float) -> None:
 
 
 def _bones(twin: Twin, body: TwinBody, element: Element) -> None:
-    """Sticks from a body's first joint to its others (or to its centre of mass), to be seen and nothing else."""
+    """Sticks from a first joint to the others, the markers, or the centre of mass: to be seen and nothing else."""
     ends = [p for j in twin.joints for b, p in ((j.a, j.p_A), (j.b, j.p_B)) if b == body.id]
+    ends += [p for _, b, p in twin.markers if b == body.id]
     if not body.fixed and len(ends) == 1:
         ends.append(body.center)
     for end in ends[1:]:
         if np.linalg.norm(end - ends[0]) > BONE * twin.size:
-            SubElement(
-                element, "geom", type="capsule", fromto=numbers([*ends[0], *end]), size=numbers(0.5 * BONE * twin.size)
-            )
+            size = numbers(0.5 * BONE * twin.size)
+            SubElement(element, "geom", type="capsule", fromto=numbers([*ends[0], *end]), size=size)
 
 
 def _natives(twin: Twin, element: Element, branch: Branch | Closing) -> None:

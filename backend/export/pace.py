@@ -9,7 +9,8 @@ from backend.export.twin import Twin, TwinBody, TwinJoint, Vector
 
 LONGEST_S = 2.5e-4  # step that keeps loops closed within 1e-7 m and motions within 1e-5 of a linkage's size
 SHORTEST_S = 2e-5  # a copy with shorter steps is no use to anyone
-RESOLVED = 0.5  # rate x step: RK4 follows this, and is stable up to 2.8
+RESOLVED = 1.0  # rate x step: the rates are upper bounds
+UNSTABLE = 2.5  # rate x step: RK4 is stable up to 2.8
 
 
 def steady_step(twin: Twin) -> float:
@@ -36,7 +37,7 @@ def hasty(twin: Twin, step_s: float) -> list[str]:
     return [
         f"{what}: it acts within {1e3 / rate:.2g} ms, and steps of {1e3 * step_s:.3g} ms may not follow it"
         for what, rate in _rates(twin)
-        if rate * step_s > 2 * RESOLVED
+        if rate * step_s > UNSTABLE
     ]
 
 
