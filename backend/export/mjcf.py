@@ -14,7 +14,7 @@ from backend.export.pace import hasty, steady_step, stiffened
 from backend.export.twin import Push, Twin, TwinBody, TwinJoint, physical
 
 CONSTRAINT_STEPS = 4.0  # time in which an equality takes an error back, in steps; docs/twin.md has others
-IMPEDANCE = "0.9999 0.9999 0.001 0.5 2"  # MuJoCo's largest; with its default a four-bar opens and loses a thousand times more
+IMPEDANCE = "0.9999 0.9999 0.001 0.5 2"  # MuJoCo's largest; with its default loops open a thousand times more
 STOP_DAMPING = 4.0  # over critical: at 1 a stop throws back 14% of the speed
 BONE = 0.015  # thickness of the sticks that stand for bodies, in sizes of the mechanism
 
