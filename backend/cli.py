@@ -129,23 +129,37 @@ def simulate(
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Let the drawing go from rest and write its motion: run.h5 and a page of plots."""
+    """Let the drawing go from rest: run.h5 and a page of its motion, forces.csv and a page of its joint forces."""
     with _answering(as_json) as answer:
         from backend.mechanism.read import read_mechanism
+        from backend.report.forces_page import peak_table, write_forces_page
         from backend.report.run_summary import simulation_evidence, summary_json, summary_text
         from backend.report.simulation_page import write_simulation_page
 
         drawn = read_mechanism(mechanism)
         folder = _folder(out, drawn.name)
         with _progress("simulating") as advance:
+            from backend.simulate.joint_forces import joint_forces, strongest
             from backend.simulate.run import simulate as run_drawing
             from backend.simulate.write import write_run
+            from backend.simulate.write_forces import write_forces
 
             run = run_drawing(drawn, duration_s, step_s, progress=_counting(advance), solve=solve, threshold=threshold)
         motion = write_run(run, folder / "run.h5")
-        page = write_simulation_page(simulation_evidence(drawn, run), folder / "simulation.html")
-        files = {"motion": str(motion), "page": str(page)}
-        answer({**summary_json(run), "files": files}, f"{summary_text(run)}\nwrote       {motion}\nopen        {page}")
+        loads = joint_forces(drawn, run)
+        forces, ranked = write_forces(run, loads, folder / "forces.csv"), strongest(loads)
+        evidence = simulation_evidence(drawn, run, forces_page="forces.html")
+        page = write_simulation_page(evidence, folder / "simulation.html")
+        told = write_forces_page(
+            evidence.mechanism, evidence.motion, ranked, folder / "forces.html",
+            table=forces.name, result=run.result, solve=run.solve,
+        )  # fmt: skip
+        files = {"motion": str(motion), "page": str(page), "forces": str(forces), "forces_page": str(told)}
+        peaks = peak_table(run.time_s, ranked)
+        answer(
+            {**summary_json(run), "joint_forces": peaks, "files": files},
+            f"{summary_text(run)}\nwrote       {motion}, {forces}\nopen        {page}, {told}",
+        )
         if not run.done:
             raise Failed(run.result)
 
@@ -213,6 +227,36 @@ def fit(
         answer(result.report.model_dump(mode="json"), text)
         if not result.report.converged:
             raise Failed(f"the fit did not converge: {result.report.message}")
+
+
+@app.command()
+def twin(
+    mechanism: MechanismFile,
+    fit: Annotated[
+        Path | None, typer.Option(help="fit.json: fitted values in place of drawn ones.", exists=True, dir_okay=False)
+    ] = None,
+    format: Annotated[
+        Literal["mjcf", "urdf"], typer.Option(help="MJCF (MuJoCo), or URDF where it is a tree.")
+    ] = "mjcf",
+    step_s: Annotated[
+        float | None, typer.Option("--step", metavar="S", help="MuJoCo's time step [s]; chosen if not given.")
+    ] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Hand the fitted twin to another simulator: one file, and a list of what it cannot hold."""
+    with _answering(as_json) as answer:
+        from backend.mechanism.read import read_fit, read_mechanism
+
+        drawn = read_mechanism(mechanism)
+        report = read_fit(fit) if fit else None
+        folder = _folder(out, drawn.name)
+        with _progress("gathering"):
+            from backend.export.write import write_twin
+
+            path, written = write_twin(drawn, folder, report, format, step_s)
+        lines = [f"wrote     {path}", *(f"not in it {sentence}" for sentence in written.left_out)]
+        answer({"file": str(path), "format": format, "left_out": written.left_out}, "\n".join(lines))
 
 
 def _settings(pairs: list[str]) -> dict[str, str]:

@@ -3,12 +3,13 @@
 J. Gerstmayr, "Exudyn", Multibody System Dynamics (2023).  The integrator is Arnold and Brüls (2007).
 Rows that repeat others (three for each closed cell of a scissor) are left out beforehand, and the motion
 does not notice.  Where what repeats changes on the way (Bennett's loop) every row stays, in a full-pivot solve.
-constraint_error_m reports all rows, the ones left out included.
+constraint_error_m reports all rows, the ones left out included; joint_force_n is empty where runs are extrapolated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,7 @@ def simulate_exudyn(
     rubs = any(joint.friction or joint.rub_radius for joint in drawing.joints)
     touches = bool(drawing.capsules or drawing.pads) or any(joint.play for joint in drawing.joints)
     rates: dict[str, float] = {}
+    forces: dict[str, np.ndarray] = {}
 
     def solved(step: float, until_s: float = duration_s) -> tuple[np.ndarray, Poses]:
         build = ExudynModel(exudyn.SystemContainer(), drawing, start, friction_creep, step, rates, walls or Walls())
@@ -76,7 +78,9 @@ def simulate_exudyn(
                 f"Exudyn stopped before {duration_s} s at a step of {step} s; halve the step, "
                 "raise friction_creep, or look for a dead centre on the way"
             ) from error
-        return build.recorded()
+        time_s, poses = build.recorded()
+        forces.update(build.recorded_forces(poses))
+        return time_s, poses
 
     if rubs:
         # At rest friction's sign is not known, and a wrong first acceleration costs first order all the way.
@@ -85,6 +89,7 @@ def simulate_exudyn(
     if extrapolated:
         poses = _extrapolated(poses, solved(0.5 * step_s)[1])
     motion = peer_motion("Exudyn", str(exudyn.__version__), step_s, drawing, time_s, poses)
+    motion = motion if extrapolated else replace(motion, joint_force_n=forces)
     if (missed := motion.constraint_error_m.max()) > UNMET * size_m(drawing):
         raise RuntimeError(f'Exudyn left a joint open by {missed:.3g} m; halve the step, or redundant_rows="ignored"')
     return motion

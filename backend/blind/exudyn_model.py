@@ -10,7 +10,7 @@ import numpy as np
 from backend.blind.drawing import Drag, Drawing, DrawnJoint, Drive, Push, Strut
 from backend.blind.exudyn_contact import Walls, add_capsules, add_pads, add_play
 from backend.blind.peer import peer
-from backend.blind.poses import Poses, joint_rows, quaternion
+from backend.blind.poses import Poses, joint_frame, joint_rows, quaternion
 
 STOP_TIME_S = 2e-3  # of a stop's spring with the inertia at its joint; the damper makes it creep, not bounce
 STOP_DAMPING = 4.0  # times critical: a body leaves with less than 2% of its speed
@@ -39,6 +39,7 @@ class ExudynModel:
         self.half, self.first_rates, self.walls = 0.5 * step_s, first_rates, walls
         self.bodies: list[Any] = []
         self.sensors: dict[int, tuple[Any, ...]] = {}
+        self.held: dict[str, tuple[DrawnJoint, Any]] = {}
 
     def everything(self, keep: list[tuple[int, ...]] | None) -> None:
         """All items; `keep` says which rows each joint holds (None: every row)."""
@@ -75,6 +76,17 @@ class ExudynModel:
             moved.p_WB[:, i], moved.R_WB[:, i] = p, R.reshape(-1, 3, 3)
             moved.v_WB[:, i], moved.w_WB_B[:, i] = v, w
         return time_s, moved
+
+    def recorded_forces(self, moved: Poses) -> dict[str, np.ndarray]:
+        """Joint -> force of its constraints on body b (T, 3), in W; joints that hold nothing are left out."""
+        forces = {}
+        for joint, sensor in self.held.values():
+            on_b, first = (1.0, (joint.b, joint.p_BF, joint.R_BF)) if joint.type == "universal" else (-1.0, None)
+            _, R_WF = joint_frame(moved, *(first or (joint.a, joint.p_AF, joint.R_AF)))
+            # Exudyn's multipliers stand on the side of the inertia: they push its second marker backwards.
+            along_first = self.mbs.GetSensorStoredData(sensor)[:, 1:]
+            forces[joint.id] = on_b * np.einsum("tij,tj->ti", R_WF, along_first)
+        return forces
 
     def _body(self, i: int) -> Any:
         body, poses = self.drawing.bodies[i], self.poses
@@ -130,7 +142,12 @@ class ExudynModel:
         axes = [int(k in held) for k in range(6)]
         # Exudyn's universal joint keeps x of its first marker across y of its second, ours y of a across x of b.
         pair = markers[::-1] if joint.type == "universal" else markers
-        return self.mbs.AddObject(self.items.ObjectJointGeneric(markerNumbers=pair, constrainedAxes=axes))
+        made = self.mbs.AddObject(self.items.ObjectJointGeneric(markerNumbers=pair, constrainedAxes=axes))
+        sensor = self.items.SensorObject(
+            objectNumber=made, outputVariableType=self.output.ForceLocal, storeInternal=True, writeToFile=False
+        )
+        self.held[joint.id] = joint, self.mbs.AddSensor(sensor)
+        return made
 
     def _still(self, i: int) -> bool:
         return i < 0 or self.bodies[i] is None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +22,7 @@ class PeerMotion:
     kinetic_j, potential_j: (T,), from the poses and velocities; potential of gravity and of springs.
     constraint_error_m: (T,), the largest row of any joint that is not met; angles times the mechanism's size.  A
     loose pin's play is no error.
+    joint_force_n: joint -> (T, 3), what its constraints put on body_b, in W; empty where the engine does not tell.
     """
 
     engine: str
@@ -38,6 +39,7 @@ class PeerMotion:
     kinetic_j: np.ndarray
     potential_j: np.ndarray
     constraint_error_m: np.ndarray
+    joint_force_n: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from backend.mechanism.drawing_error import DrawingError
+from backend.mechanism.fit_report import FitReport
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.part import Part
 from backend.mechanism.sentences import sentences
@@ -41,6 +42,11 @@ def write_mechanism(mechanism: Mechanism, path: str | os.PathLike[str]) -> None:
 def write_study(study: StudyFile, path: str | os.PathLike[str]) -> None:
     """Write a study file; its tables and its mechanism are files of their own."""
     _write(study, Path(path))
+
+
+def read_fit(path: str | os.PathLike[str]) -> FitReport:
+    """What a fit found, from its fit.json; DrawingError lists all that is wrong with it."""
+    return parse(FitReport, _load(Path(path)), str(path))
 
 
 def read_study(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Study:

@@ -86,6 +86,7 @@ class SimulationEvidence:
     """A simulated motion. joint_positions: `q` per joint [rad or m]; result: its sentence.
 
     redundancy: which rows are redundant and which reactions therefore not unique, in a sentence; empty if none.
+    forces_page: page of the joint forces beside this one; empty if none was written.
     """
 
     mechanism: Mechanism
@@ -97,6 +98,7 @@ class SimulationEvidence:
     step_s: float
     result: str = ""
     redundancy: str = ""
+    forces_page: str = ""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 MOST_JOINTS = 8
 
 
-def simulation_evidence(mechanism: Mechanism, run: Run) -> SimulationEvidence:
+def simulation_evidence(mechanism: Mechanism, run: Run, forces_page: str = "") -> SimulationEvidence:
     """A run as its page wants it; fixed bodies do not move and are left out."""
     mechanism = split(mechanism)
     moving = [body.id for body in mechanism.bodies if body.id in run.position_m and not body.fixed]
@@ -35,6 +35,7 @@ def simulation_evidence(mechanism: Mechanism, run: Run) -> SimulationEvidence:
         step_s=run.step_s,
         result=run.result,
         redundancy=run.redundancy.sentence() if run.redundancy else "",
+        forces_page=forces_page,
     )
 
 

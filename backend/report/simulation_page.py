@@ -37,6 +37,7 @@ def write_simulation_page(evidence: SimulationEvidence, path: str | Path) -> Pat
         trust=_trust(evidence),
         checks=_checks(evidence),
         redundancy=evidence.redundancy,
+        forces_page=evidence.forces_page,
     )
 
 
