@@ -13,6 +13,7 @@ from backend.mechanism.jam_report import Cause, FrictionCone, Margin
 
 PART = 0.1  # of the whole: joints that take less of the drive's work are not named
 NO_LEVER = 1e-3  # of the fastest joint's rate: a joint slower than this stands at its dead centre
+EXACT = 1e-9  # lever at a dead centre that only rounding would leave
 MOST_PLAYS = 20  # loose pins that are tightened one at a time
 
 
@@ -53,6 +54,15 @@ def find_cause(scene: Scene) -> Finding:
         cause: Cause = "friction_lock" if drive is None else "insufficient_drive"
         return Finding(True, cause, _rubbing(scene, here, resting), found, resting.lever, programme)
     return Finding(False, "none", (), none, resting.lever, programme)
+
+
+def find_balance(scene: Scene) -> Finding | None:
+    """At an exact dead centre, where the drive has no lever at all but a small push off would set it free."""
+    copy = scene.statics(ideal=True)
+    bare = ideal(copy)
+    if not copy.load.any() or not bare.free.size or bare.lever > EXACT or not runs_away(copy, scene.displaced):
+        return None
+    return Finding(True, "singularity", _dead(copy, bare), Margin(), bare.lever, _cone(scene, scene.statics()))
 
 
 def _friction(scene: Scene, programme: FrictionCone) -> float | None:

@@ -12,11 +12,11 @@ import numpy as np
 
 from backend.fit.measured import measured
 from backend.fit.pose import find_start
-from backend.jam.cause import Finding, find_cause
+from backend.jam.cause import Finding, find_balance, find_cause
 from backend.jam.follow import Progress, follow, plant_of
 from backend.jam.mobility import Mobility, mobility_along
 from backend.jam.scene import Scene
-from backend.jam.stuck import at_rest, creep_ratio
+from backend.jam.stuck import AT_REST, at_rest, creep_ratio
 from backend.jam.verdict import sentence
 from backend.mechanism.jam_report import FrictionCone, JamReport, JointReaction, Margin
 from backend.mechanism.mechanism import Mechanism
@@ -116,6 +116,9 @@ def _jam(
     finding, onset = None, None
     if lost.size:
         finding, onset = _lost(plant.is_driven, model, mobility, int(lost[0]), step_s)
+    elif creep[0] < AT_REST and (balanced := find_balance(Scene.at(model, path, 0, record, step_s))):
+        # Rounding alone would leave it, in a time that says nothing of the mechanism.
+        finding, onset = balanced, 0.0
     elif rest := at_rest(creep, step_s):
         # The end of the rest is the settled pose; its beginning may still creep.
         finding, onset = find_cause(Scene.at(model, path, last, record, step_s)), rest.onset_s
