@@ -32,23 +32,26 @@ class Answer:
     radial: Float[np.ndarray, "joints 2"]
 
 
-def can_hold(
-    at: Statics, radial: Float[np.ndarray, "joints 2"], drive: float = 1.0, friction: float = 1.0
-) -> bool:
-    """Whether some forces within the cones balance weight and `drive` times the drive, friction times `friction`.
+def can_hold(at: Statics, radial: Float[np.ndarray, "joints 2"], drive: float = 1.0, friction: float = 1.0) -> bool:
+    """Whether some forces within the cones balance weight and `drive` times the drive, friction times `friction`."""
+    return shortage(at, radial, drive, friction) < HELD
+
+
+def shortage(at: Statics, radial: Float[np.ndarray, "joints 2"], drive: float = 1.0, friction: float = 1.0) -> float:
+    """How much friction is short of holding the load, in parts of the load; infinite where no forces balance it.
 
     radial: loads of the joints in the plane of their pins, to begin with [N].
     """
+    least = float("inf")
     for _ in range(TURNS):
         answer = _programme(at, _directions(radial), friction, drive)
         if answer is None:
-            return False
-        if answer.value < HELD:
-            return True
-        if np.allclose(_directions(answer.radial), _directions(radial), atol=1e-6):
-            return False
+            break
+        least = min(least, answer.value)
+        if least < HELD or np.allclose(_directions(answer.radial), _directions(radial), atol=1e-6):
+            break
         radial = answer.radial
-    return False
+    return least
 
 
 def friction_needed(at: Statics, radial: Float[np.ndarray, "joints 2"]) -> float:

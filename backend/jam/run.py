@@ -13,12 +13,13 @@ import numpy as np
 from backend.fit.measured import measured
 from backend.fit.pose import find_start
 from backend.jam.cause import Finding, find_balance, find_cause
+from backend.jam.cone import shortage
 from backend.jam.follow import Progress, follow, plant_of
 from backend.jam.mobility import Mobility, mobility_along
 from backend.jam.scene import Scene
 from backend.jam.stuck import AT_REST, at_rest, creep_ratio
 from backend.jam.verdict import sentence
-from backend.mechanism.jam_report import FrictionCone, JamReport, JointReaction, Margin
+from backend.mechanism.jam_report import ConeAlong, FrictionCone, JamReport, JointReaction, Margin
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import Experiment, Study
 from backend.model.build import build
@@ -27,11 +28,13 @@ from backend.model.model import Model
 from backend.model.state import Start
 from backend.simulate.assemble import start as closed_start
 from backend.simulate.record import Record, on_steps
+from backend.simulate.rollout import Trajectory
 from backend.simulate.run import Run, as_run, assembled
 
 MOST_STEPS = 1e5
 MOST_NUMBERS = 2_000_000  # of a report's series: beyond, only every so many steps are written
 DIGITS = 7
+CONES = 60  # nodes at which the friction-cone programme is asked
 LOST_LEVER = 0.2  # of its greatest: a prescribed motion lost below this had run into a dead centre
 
 _start = eqx.filter_jit(closed_start)
@@ -122,7 +125,8 @@ def _jam(
     elif rest := at_rest(creep, step_s):
         # The end of the rest is the settled pose; its beginning may still creep.
         finding, onset = find_cause(Scene.at(model, path, last, record, step_s)), rest.onset_s
-    report = _report(mechanism.name, experiment, model, run, creep, mobility, finding, onset)
+    along = _cone_along(model, path, record, step_s)
+    report = _report(mechanism.name, experiment, model, run, creep, mobility, along, finding, onset)
     return Jam(report, run, split(mechanism))
 
 
@@ -137,6 +141,17 @@ def _lost(
     return Finding(True, "singularity", at, Margin(), 0.0, FrictionCone(holds=False)), node * step_s
 
 
+def _cone_along(model: Model, path: Trajectory, record: Record | None, step_s: float) -> ConeAlong:
+    """The friction-cone programme at some nodes of the motion, the first and the last among them."""
+    nodes = np.unique(np.linspace(0, path.q.shape[0] - 1, CONES).round().astype(int))
+    short = []
+    for node in nodes:
+        scene = Scene.at(model, path, int(node), record, step_s)
+        short.append(shortage(scene.statics(), scene.radial))
+    known = [float(f"{value:.3e}") if math.isfinite(value) else None for value in short]
+    return ConeAlong(time_s=_numbers(nodes * step_s), shortage=tuple(known))
+
+
 def _report(
     name: str,
     experiment: str | None,
@@ -144,6 +159,7 @@ def _report(
     run: Run,
     creep: np.ndarray,
     mobility: Mobility,
+    along: ConeAlong,
     finding: Finding | None,
     onset: float | None,
 ) -> JamReport:
@@ -166,6 +182,7 @@ def _report(
         sentence=sentence(jammed, cause, onset, finding.at if finding else (), margin, run.result),
         lever=finding.lever if finding else None,
         friction_cone=finding.cone if finding else None,
+        friction_cone_along=along,
         step_s=run.step_s,
         every=every,
         time_s=_numbers(run.time_s[keep]),
@@ -174,6 +191,7 @@ def _report(
         singular_values=tuple(_numbers(row) for row in mobility.singular_values[keep]),
         driven_singular_value=_numbers(mobility.driven[keep]),
         creep_ratio=_numbers(creep[keep]),
+        result=run.result,
         reactions={
             joint: JointReaction(
                 body_a=a,

@@ -49,8 +49,7 @@ class Scene:
             now = record.values[min(node, record.values.shape[0] - 1)]
             model = model.with_parameters(dict(zip(record.addresses, now, strict=True)))
         pose = jax.tree.map(lambda leaf: leaf[node], path.pose)
-        # Redundant joints settle within a few steps; the load at the end is the settled one.
-        radial = np.asarray(path.reaction[-1, :, :2])
+        radial = np.asarray(path.reaction[node, :, :2])
         return cls(model, plant_of(model), pose, np.asarray(path.q[node]), radial, record, step_s)
 
     @property

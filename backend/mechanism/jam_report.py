@@ -34,6 +34,16 @@ class FrictionCone(Part):
     drive_held: float | None = None
 
 
+class ConeAlong(Part):
+    """The friction-cone programme along the motion, asked as if it stood still there.
+
+    shortage: friction that is short of holding the load, in parts of the load; 0 where it can, null where no forces do.
+    """
+
+    time_s: Numbers
+    shortage: Annotated[tuple[float | None, ...], Field(strict=False)]
+
+
 class JointReaction(Part):
     """Force [N] and torque [N m] on each body, at the joint's place on body_b, world axes, per step."""
 
@@ -48,11 +58,12 @@ class JointReaction(Part):
 class JamReport(Part):
     """jam.json: one motion, first axis of every series is `time_s`.
 
-    onset_s: since when it rests; null where it moves to the end. at: `joint:ID` and `body:ID`, the greatest part first.
-    mobility: freedoms less the rank by the spectrum's gap. small_singular_values: freedoms less the singular values from
-    1e-6 up, the published count. driven_singular_value: falls to 0 where the drive loses its lever. creep_ratio: largest
-    rate over that at which friction holds. lever: share of the drive that would accelerate a frictionless, clearance-free
-    copy at the pose of rest. every: steps between two entries of the series.
+    onset_s: since when it rests; null where it moves to the end. at: `joint:ID` and `body:ID`, the greatest part
+    first. mobility: freedoms less the rank by the spectrum's gap. small_singular_values: freedoms less the singular
+    values from 1e-6 up, the published count. driven_singular_value: falls to 0 where the drive loses its lever.
+    creep_ratio: largest rate over that at which friction holds. lever: share of the drive that would accelerate a
+    frictionless, clearance-free copy at the pose of rest. every: steps between two entries of the series.
+    result: `done`, or where and why the motion could not be followed further.
     """
 
     schema_version: Literal["1.0"] = "1.0"
@@ -66,6 +77,7 @@ class JamReport(Part):
     sentence: str
     lever: float | None = None
     friction_cone: FrictionCone | None = None
+    friction_cone_along: ConeAlong
     step_s: float
     every: int = 1
     time_s: Numbers
@@ -74,4 +86,5 @@ class JamReport(Part):
     singular_values: Annotated[tuple[Numbers, ...], Field(strict=False)]
     driven_singular_value: Numbers
     creep_ratio: Numbers
+    result: str = "done"
     reactions: dict[str, JointReaction]

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.mechanism.fit_report import FitReport
+from backend.mechanism.jam_report import JamReport
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import Use
 
@@ -97,6 +98,15 @@ class SimulationEvidence:
     step_s: float
     result: str = ""
     redundancy: str = ""
+
+
+@dataclass(frozen=True)
+class JamEvidence:
+    """What was found of a motion that may have jammed; `report` has its series, `motion` every node."""
+
+    mechanism: Mechanism
+    motion: Motion
+    report: JamReport
 
 
 @dataclass(frozen=True)

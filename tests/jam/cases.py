@@ -127,3 +127,21 @@ def sagging_latch(play: float, post_gap: float = 5e-4) -> Mechanism:
     push = effect("push", "applied_torque", ["link"], torque_n_m=0.03, axis=[0, 0, 1])
     pins = [("pin", "revolute", "ground", "link", (0, 0, 0), Z)]
     return drawing("sagging latch", [link], pins, [loose, slow, push, post])
+
+
+def blocked_block(pull_n: float = 2.0, at_m: float = 0.05) -> Mechanism:
+    """A block on a rail, pulled against a post that stands in its way."""
+    radius = 0.01
+    post = effect(
+        "post",
+        "link_contact",
+        ["ground", "block"],
+        radius_a_m=radius,
+        radius_b_m=radius,
+        start_a_m=[at_m + 2 * radius, 0, -0.05],
+        end_a_m=[at_m + 2 * radius, 0, 0.05],
+        start_b_m=[-0.02, 0, 0],
+        end_b_m=[0, 0, 0],
+    )
+    pull = effect("pull", "applied_force", ["block"], force_n=pull_n, direction=[1, 0, 0])
+    return sliding_mass([post, pull])
