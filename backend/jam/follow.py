@@ -42,7 +42,8 @@ def follow(
         parts.append(seen)
         if progress:
             progress(min(first + CHUNK, steps), steps)
-    whole = jax.tree.map(lambda *leaves: jnp.concatenate(leaves)[: steps + 1], *parts)
+    # As numpy: every slice of a jax array on the way would be a program of its own.
+    whole = jax.tree.map(lambda *leaves: np.concatenate(leaves)[: steps + 1], *parts)
     return plant, trajectory(whole, step_s)
 
 

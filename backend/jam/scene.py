@@ -22,6 +22,7 @@ from backend.simulate.record import Record
 from backend.simulate.rollout import Trajectory
 from backend.simulate.spectrum import real
 
+FLOWS = 1e3  # creep ratio that is motion even where play next to none leaves pins to settle
 FREED = 0.02  # mechanism lengths or rad: what has come further than this, beyond its play, was free
 
 _closed = eqx.filter_jit(closed)
@@ -84,6 +85,6 @@ class Scene:
         pose = self.pose if play == 1.0 else _closed(plant_of(model), self.pose)
         start = Start(pose, jnp.zeros((model.topology.slots, 6)))
         plant, path = follow(model, start, self.step_s, CHUNK - 1, steady(self.record, model))
-        still_moving = float(creep_ratio(plant, path)[-3:].min()) > AT_REST
+        still_moving = float(creep_ratio(plant, path)[-3:].min()) > (AT_REST if play == 1.0 else FLOWS)
         far = travel(plant, path) > FREED + 4.0 * float(largest_play(plant))
         return still_moving or far

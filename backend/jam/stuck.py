@@ -18,10 +18,11 @@ AT_REST = 10.0  # creep ratio
 BODIES = 10.0  # times ε_v that a body may move by where a joint may by one: chains add up, walls give way
 FEWEST = 5  # nodes that tell rest from the turning point of a swing
 SHORTEST_S = 0.01
+STANDSTILL = 1e-3  # of the greatest rate
 
 
 class Rest(NamedTuple):
-    """The stretch at rest that a motion ends with: its first node, and when that was."""
+    """The stretch at rest that a motion ends with: the node at which it came to a standstill, and when that was."""
 
     node: int
     onset_s: float
@@ -42,7 +43,10 @@ def at_rest(creep: Float[np.ndarray, "nodes"], step_s: float) -> Rest | None:
     lasting = creep.size - first
     if lasting < FEWEST or (first > 0 and lasting * step_s < SHORTEST_S):
         return None
-    return Rest(first, first * step_s)
+    # After a blow, or in a viscous joint, the last of the speed lingers; the standstill is when a thousandth is left.
+    fast = np.flatnonzero(~(creep < max(AT_REST, STANDSTILL * float(creep.max()))))
+    came = int(fast[-1]) + 1 if fast.size else 0
+    return Rest(came, came * step_s)
 
 
 def travel(system: System, path: Trajectory) -> float:

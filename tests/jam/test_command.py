@@ -21,7 +21,7 @@ def linktwin(*arguments):
 @pytest.fixture(scope="module")
 def drawing(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("jam") / "block.json"
-    write_mechanism(cases.weak_block(1.0), path)
+    write_mechanism(cases.weak_drive(0.01), path)
     return path
 
 
@@ -47,11 +47,9 @@ def test_json_alone_is_the_report(drawing, tmp_path):
 
 
 def test_every_experiment_of_a_study_is_asked(drawing, tmp_path):
-    tracks = "time_s,marker,x_m,y_m,z_m,sigma_m\n" + "".join(f"{0.01 * k},tip,0.05,0,0,0.0001\n" for k in range(31))
+    tracks = "time_s,marker,x_m,y_m,z_m,sigma_m\n" + "".join(f"{0.01 * k},tip,0,-0.2,0,0.0001\n" for k in range(31))
     (tmp_path / "still.csv").write_text(tracks)
-    drawn = json.loads(drawing.read_text())
-    drawn["markers"] = [{"id": "tip", "body": "block", "position_m": [0.05, 0, 0]}]
-    (tmp_path / "mechanism.json").write_text(json.dumps(drawn))
+    (tmp_path / "mechanism.json").write_text(drawing.read_text())
     release = {"time_s": 0.0, "at_rest": True}
     experiments = [
         {"id": "weak", "use": "fit", "tracks": "still.csv", "release": release},
@@ -60,7 +58,7 @@ def test_every_experiment_of_a_study_is_asked(drawing, tmp_path):
             "use": "held_out",
             "tracks": "still.csv",
             "release": release,
-            "overrides": {"pull": {"force_n": 3.0}},
+            "overrides": {"drive": {"torque_n_m": 0.03}},
         },
     ]
     study = {"schema_version": "1.0", "mechanism": "mechanism.json", "experiments": experiments}
@@ -83,7 +81,7 @@ def test_every_experiment_of_a_study_is_asked(drawing, tmp_path):
 )
 def test_a_motion_without_steps_is_refused_in_a_sentence(changed, words):
     with pytest.raises(ValueError, match=words.replace("+", r"\+")):
-        jam(cases.weak_block(1.0), **{"duration_s": 1.0, **changed})
+        jam(cases.weak_drive(0.01), **{"duration_s": 1.0, **changed})
 
 
 def test_a_bad_file_is_refused_with_exit_code_2(tmp_path):
