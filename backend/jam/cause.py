@@ -44,7 +44,7 @@ def find_cause(scene: Scene) -> Finding:
             return Finding(True, "clearance_lock", _loose(scene), none, bare.lever, programme)
         pushing = obstacles.those(resting.push > 0.0)
         places = tuple(dict.fromkeys(name for names in pushing.names for name in names))
-        return Finding(not pushing.ends.all(), "stop", places, none, bare.lever, programme)
+        return Finding(not bool(pushing.ends.all()), "stop", places, none, bare.lever, programme)
     if plays(scene.model) and scene.moves(play=0.0):
         slack = Margin(friction_factor=_friction(scene, programme))
         return Finding(True, "clearance_lock", _loose(scene), slack, resting.lever, programme)
