@@ -218,7 +218,8 @@ def fit(
 @app.command()
 def jam(
     file: Annotated[
-        Path, typer.Argument(metavar="MECHANISM|STUDY", help="mechanism.json or study.json.", exists=True, dir_okay=False)
+        Path,
+        typer.Argument(metavar="MECHANISM|STUDY", help="mechanism.json or study.json.", exists=True, dir_okay=False),
     ],
     duration_s: Annotated[
         float | None, typer.Option("--duration", metavar="S", min=0.0, help="How long [s]; 1, or the experiment's own.")

@@ -270,8 +270,10 @@ def tell(asked: list[tuple[Truth, Any]], left_out: Counter, wall_s: float) -> No
     """Balanced accuracy, onset and causes."""
     jammed = [said.jammed for known, said in asked if known.jammed]
     free = [not said.jammed for known, said in asked if not known.jammed]
-    print(f"{len(asked)} drawings, {len(jammed)} jammed and {len(free)} not, in {wall_s:.0f} s; left out: {dict(left_out)}")
-    print(f"balanced accuracy {50 * (np.mean(jammed) + np.mean(free)):.1f}%  ({sum(jammed)}/{len(jammed)}, {sum(free)}/{len(free)})")
+    print(f"{len(asked)} drawings, {len(jammed)} jammed and {len(free)} not, in {wall_s:.0f} s")
+    print(f"left out: {dict(left_out)}")
+    balanced = 50 * (np.mean(jammed) + np.mean(free))
+    print(f"balanced accuracy {balanced:.1f}%  ({sum(jammed)}/{len(jammed)} jams, {sum(free)}/{len(free)} free)")
     both = [(k.onset_s, s.onset_s) for k, s in asked if k.jammed and s.jammed]
     missed = 1e3 * np.abs([a - b for a, b in both])
     print(f"onset off by {np.median(missed):.1f} ms in the middle, {np.percentile(missed, 95):.1f} ms at 95%, "

@@ -38,7 +38,9 @@ def find_cause(scene: Scene) -> Finding:
     none = Margin()
     if not bare.moves:
         stuck = runs_away(copy, scene.displaced)
-        return Finding(stuck, "singularity" if stuck else "none", _dead(copy, bare) if stuck else (), none, bare.lever, programme)
+        if stuck:
+            return Finding(True, "singularity", _dead(copy, bare), none, bare.lever, programme)
+        return Finding(False, "none", (), none, bare.lever, programme)
     if not resting.moves:
         if plays(scene.model) and scene.moves(play=0.0):
             return Finding(True, "clearance_lock", _loose(scene), none, bare.lever, programme)
@@ -96,7 +98,7 @@ def _rubbing(scene: Scene, here: Statics, resting: Ideal) -> tuple[str, ...]:
     """Where friction can take the drive's work if it moved as the ideal copy would; the greatest part first."""
     load = np.linalg.norm(scene.radial, axis=-1) * float(scene.plant.scale.length_m)
     a = resting.acceleration
-    parts = {
+    parts: dict[tuple[str, ...], float] = {
         (f"joint:{joint}",): (here.dry_limit[j] + here.dry_per_load[j] * load[j]) * abs(here.turns[j] @ a)
         for j, joint in enumerate(here.joints)
     }

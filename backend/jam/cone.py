@@ -128,7 +128,7 @@ def _programme(at: Statics, u: np.ndarray, friction: float, drive: float) -> Ans
             one = np.zeros(shortage + 1)
             one[start[4] + 2 * i : start[4] + 2 * i + 2] = np.cos(angle), np.sin(angle)
             bounded(one, friction * at.grip[i] * np.cos(np.pi / FACETS))
-    free = [(None, None)] * (shortage + 1)
+    free: list[tuple[float | None, float | None]] = [(None, None)] * (shortage + 1)
     free[start[2] : start[3]] = [(0.0, None)] * counts[2]
     free[shortage] = (0.0, None)
     cost = np.zeros(shortage + 1)

@@ -21,7 +21,10 @@ PUSH = 1e-3  # mechanism lengths or rad: a small push off a dead centre
 
 @dataclass(frozen=True)
 class Ideal:
-    """acceleration: of the freedoms.  free: closed ways to move, columns.  lever: from 0 to 1.  push: of each contact."""
+    """acceleration: of the freedoms.  free: closed ways to move, columns.  push: of each contact.
+
+    lever: from 0 to 1.
+    """
 
     acceleration: Float[np.ndarray, "freedoms"]
     free: Float[np.ndarray, "freedoms ways"]

@@ -50,7 +50,8 @@ def mobility_along(system: System, path: Trajectory, record: Record | None, grav
 def _spectra(system: System, jacobians: np.ndarray, push: np.ndarray) -> tuple[np.ndarray, ...]:
     length, which = float(system.scale.length_m), system.rigid_rows.ravel()
     unit = np.tile([1 / length] * 3 + [1.0] * 3, jacobians.shape[1])
-    coordinate = np.tile(np.arange(6), jacobians.shape[1]).reshape(-1, 6)[system.coordinate_rows & system.is_driven[:, None]]
+    every_row = np.tile(np.arange(6), (jacobians.shape[1], 1))
+    coordinate = every_row[system.coordinate_rows & system.is_driven[:, None]]
     prescribed = 6 * np.flatnonzero(system.is_driven) + coordinate
     rows, below = [], []
     for jacobian, force in zip(jacobians, push, strict=True):

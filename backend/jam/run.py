@@ -81,9 +81,7 @@ def jam_study(
         except ValueError as error:
             raise ValueError(f"experiment '{experiment.id}': {error}") from None
         rates = jnp.zeros(begin.motions.shape[-1]) if experiment.release.at_rest else jnp.asarray(begin.rates)
-        start = _start(
-            plant_of(own), begin.reference, jnp.asarray(begin.motions), jnp.zeros(begin.motions.shape[-1]), rates
-        )
+        start = _start(plant_of(own), begin.reference, begin.motions, jnp.zeros(begin.motions.shape[-1]), rates)
         record = _record(experiment, own, step_s, steps, data.release_s)
         found[experiment.id] = _jam(study.mechanism, experiment.id, own, start, record, steps, step_s, progress)
     return found
@@ -168,7 +166,8 @@ def _report(
     keep = slice(None, None, every)
     topology = model.topology
     bodies = topology.body_ids + topology.fixed_ids
-    pairs = {id_: (str(bodies[a]), str(bodies[b])) for id_, (a, b) in zip(topology.joint_ids, topology.joints, strict=True)}
+    joints = zip(topology.joint_ids, topology.joints, strict=True)
+    pairs = {joint: (str(bodies[a]), str(bodies[b])) for joint, (a, b) in joints}
     cause = finding.cause if finding else "none"
     jammed, margin = (finding.jammed, finding.margin) if finding else (False, Margin())
     return JamReport(

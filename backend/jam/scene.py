@@ -1,4 +1,4 @@
-"""The pose in which a mechanism rests, what drives it there, and what happens when it is let go with something changed."""
+"""The pose in which a mechanism rests, what drives it there, and what it does when let go with something changed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

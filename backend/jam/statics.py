@@ -20,7 +20,9 @@ from backend.model.system import System
 from backend.simulate import contact, forces, kinematics, law, meeting, touch
 from backend.simulate.spectrum import real
 
-TOUCHING = 1e-4  # of the room, or mechanism lengths: gap below which parts count as touching; the barrier keeps 1e-8 open
+TOUCHING = (
+    1e-4  # of the room, or mechanism lengths: gap below which parts count as touching; the barrier keeps 1e-8 open
+)
 
 
 @dataclass(frozen=True)
@@ -175,8 +177,13 @@ def _contacts(system: System, raw: _Raw, length: float) -> Contacts:
     at = system.contacts.at
     # An end of turning opens in rad: its row and its push are of a turn, not of a length.
     lengths = np.where(_turning_ends(system), 1.0, length)
-    walls = dense(system, raw.wall_rows.reshape(-1, 12), system.pairs[at].repeat(2, 0)).reshape(-1, 2, _freedoms(system))
-    met = dense(system, raw.touch_rows.reshape(-1, 12), pairs.repeat(2, 0)).reshape(-1, 2, _freedoms(system)) / length
+    walls = dense(system, np.asarray(raw.wall_rows).reshape(-1, 12), system.pairs[at].repeat(2, 0)).reshape(
+        -1, 2, _freedoms(system)
+    )
+    met = (
+        dense(system, np.asarray(raw.touch_rows).reshape(-1, 12), pairs.repeat(2, 0)).reshape(-1, 2, _freedoms(system))
+        / length
+    )
     ends = np.array(system.contacts.travels, dtype=bool)
     room = np.where(ends, lengths, np.asarray(system.contacts.room))
     every = Contacts(

@@ -22,7 +22,11 @@ def sentence(
     when = "from the start" if onset_s == 0.0 else f"since {onset_s:.4g} s" if onset_s is not None else ""
     if cause == "stop":
         against = f"rests {when} against {where}"
-        return f"Jammed: it {against}, where no end was declared." if jammed else f"Not jammed: it {against}, its declared end."
+        return (
+            f"Jammed: it {against}, where no end was declared."
+            if jammed
+            else f"Not jammed: it {against}, its declared end."
+        )
     if not jammed:
         if onset_s is None:
             return "Not jammed: it moves to the end of the run."

@@ -83,7 +83,10 @@ def _indicators(report: JamReport) -> list[Chart]:
             "Can forces within the friction cones hold the drive?",
             "time [s]",
             "shortage of friction / load",
-            [Series("", np.array(along.time_s), missing, "c1", "line"), Series("holds", t, 0.0 * t, "measured", "dashed")],
+            [
+                Series("", np.array(along.time_s), missing, "c1", "line"),
+                Series("holds", t, 0.0 * t, "measured", "dashed"),
+            ],
             marks=marks,
             note="Asked as if it stood still there. 0: friction can hold it. Gaps: no forces at all can.",
         ),

@@ -52,7 +52,9 @@ def pose_figure(mechanism: Mechanism, motion: Motion, node: int, at: tuple[str, 
             drawn.append(element("text", joint.id, x=x + 17, y=y - 11, class_="cause"))
         labels += 1
     svg = element("svg", *drawn, viewBox=f"0 0 {WIDTH} {height:.0f}", role="img", aria_label=title)
-    note = f"Seen in the {view.name} at {shown(float(motion.time_s[node]), 4)} s; faint: the start. Orange: where it jams."
+    note = (
+        f"Seen in the {view.name} at {shown(float(motion.time_s[node]), 4)} s; faint: the start. Orange: where it jams."
+    )
     return element(
         "figure", element("figcaption", element("b", title)), svg, element("p", note, class_="note"), class_="pose wide"
     )
