@@ -88,6 +88,11 @@ def has_friction(model: Model) -> bool:
     return any(is_friction(effect, name, d) and np.any(value) for effect, _, name, d, value in _parameters(model))
 
 
+def frictions(model: Model) -> tuple[Address, ...]:
+    """Every coefficient or limit of dry friction."""
+    return tuple(a for effect, a, name, declared, _ in _parameters(model) if is_friction(effect, name, declared))
+
+
 def plays(model: Model) -> tuple[Address, ...]:
     """Every play that is not zero."""
     return tuple(a for effect, a, name, _, value in _parameters(model) if is_play(effect, name) and np.any(value))

@@ -6,6 +6,7 @@ The creep ratio is the largest rate over ε_v; below ten, friction uses at most 
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -30,10 +31,20 @@ class Rest(NamedTuple):
 
 def creep_ratio(system: System, path: Trajectory) -> Float[np.ndarray, "nodes"]:
     """The largest rate of any joint over the rate ε_v at which friction holds; bodies count by a tenth of theirs."""
-    joints = np.abs(np.asarray(path.rate)) / np.asarray(system.stick_rate)
-    unit = np.array([1.0 / float(system.scale.length_m)] * 3 + [1.0] * 3)
-    bodies = np.abs(np.asarray(path.velocity))[:, real(system)] * unit / (BODIES * STICK_RATE)
-    return np.maximum(joints.max(-1, initial=0.0), bodies.max((-2, -1), initial=0.0))
+    return np.asarray(_creep(system, path.rate, path.velocity))
+
+
+def creep(
+    system: System, rate: Float[Array, "nodes joints"], velocity: Float[Array, "nodes slots 6"]
+) -> Float[Array, "nodes"]:
+    """`creep_ratio`, to be compiled with what surrounds it."""
+    joints = jnp.abs(rate) / system.stick_rate
+    unit = jnp.concatenate([jnp.full(3, 1.0 / system.scale.length_m), jnp.ones(3)])
+    bodies = jnp.abs(velocity)[:, real(system)] * unit / (BODIES * STICK_RATE)
+    return jnp.maximum(joints.max(-1, initial=0.0), bodies.max((-2, -1), initial=0.0))
+
+
+_creep = eqx.filter_jit(creep)
 
 
 def at_rest(creep: Float[np.ndarray, "nodes"], step_s: float) -> Rest | None:
