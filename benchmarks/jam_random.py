@@ -59,7 +59,7 @@ class Undecided(Exception):
 def fourbar(random: Random) -> Mechanism:
     """A closed four-bar of random sides and pose, driven at a random link, rubbing at every pin."""
     pose = str(random.choice(["any", "near", "dead"], p=[0.6, 0.25, 0.15]))
-    _, elbow, knee, base = closed_pose(random, pose)
+    elbow, knee, base = closed_pose(random, pose)
     corners = [np.append(p, 0.0) for p in (np.zeros(2), elbow, knee, np.array([base, 0.0]))]
     bars = [bar(n, corners[i], corners[i + 1]) for i, n in enumerate(TWISTED)]
     ends = ["ground", *TWISTED, "ground"]
@@ -83,8 +83,8 @@ def fourbar(random: Random) -> Mechanism:
     return parse_mechanism(drawn)
 
 
-def closed_pose(random: Random, pose: str) -> tuple[float, np.ndarray, np.ndarray, float]:
-    """Crank length, elbow, knee, and where the rocker stands; `dead`: crank and coupler in one line, `near`: almost."""
+def closed_pose(random: Random, pose: str) -> tuple[np.ndarray, np.ndarray, float]:
+    """Elbow, knee, and where the rocker stands; `dead`: crank and coupler in one line, `near`: almost."""
     while True:
         crank, coupler, rocker, base = random.uniform(0.06, 0.2, 4)
         side = random.choice([-1.0, 1.0])
@@ -97,7 +97,7 @@ def closed_pose(random: Random, pose: str) -> tuple[float, np.ndarray, np.ndarra
             continue
         turn = np.arccos(cosine) - np.arctan2(tip[1], tip[0])
         rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        return float(crank), rotation @ [crank, 0.0], rotation @ tip, float(base)
+        return rotation @ [crank, 0.0], rotation @ tip, float(base)
 
 
 def lattice(random: Random) -> Mechanism:
