@@ -29,6 +29,7 @@ DURATION_S, STEP_S, SEEN_S = 0.5, 5e-4, 1e-3
 AT_REST = 1e-3  # rad/s at the end; friction there creeps by 1e-5 rad/s at 71% of its limit
 STANDSTILL = 1e-3  # of the greatest rate
 WHILE_S, FREED = 0.25, 0.02  # how long a copy is watched, and how far it comes [rad] if it is free
+ACCELERATES = 1e-3  # rad that a copy without friction comes if it accelerates at all: 0.03 rad/s² in that time
 STRONGER = (2.0, 10.0, 30.0, 100.0)
 DECIDED = 0.03
 PUSH, PUSHED_S = 1e-3, 1.0  # rad; what grows from a small push takes its time
@@ -139,7 +140,7 @@ def truth(mechanism: Mechanism) -> Truth:
     onset = float(seen.time_s[fast[-1]]) if fast.size else 0.0
     here = standing(drawn, seen)
     ends = at_its_end(drawn, seen)
-    if not goes(changed(here, friction=0.0)):
+    if not goes(changed(here, friction=0.0), far=ACCELERATES):
         if ends:
             return Truth(False, "stop", onset)
         away = goes(changed(here, friction=0.0), PUSH) or goes(changed(here, friction=0.0), -PUSH)
@@ -179,11 +180,14 @@ def rests(seen: PeerMotion) -> bool:
     return bool(fastest(seen)[-20:].max() < AT_REST)
 
 
-def goes(drawn: dict, push: float = 0.0) -> bool:
-    """Whether it leaves a pose, from rest; push: a rate that carries it that far off in the first 10 ms [rad]."""
+def goes(drawn: dict, push: float = 0.0, far: float = FREED) -> bool:
+    """Whether it comes so far from a pose [rad], from rest.
+
+    push: a rate that carries it that far off in the first 10 ms [rad].
+    """
     first = drawn["joints"][0]["id"]
     seen = followed(drawn, PUSHED_S if push else WHILE_S, {first: push / 0.01} if push else None)
-    return any(np.abs(q - q[0]).max() > FREED for q in seen.joint_positions.values())
+    return any(np.abs(q - q[0]).max() > far for q in seen.joint_positions.values())
 
 
 def changed(drawn: dict, friction: float = 1.0, drive: float = 1.0) -> dict:

@@ -22,7 +22,7 @@ BATCH = 64  # poses decomposed together
 
 @dataclass(frozen=True)
 class Mobility:
-    """Per node: singular values of the held rows (falling), ways to move by their gap, and by the published count.
+    """Per node looked at: singular values of the held rows (falling), ways to move by their gap and by the published one.
 
     driven: the singular value that falls to 0, in proportion to the distance, where the drive loses its lever: of the
     held rows with the direction of the drive below them, the first beyond the held rows' own rank.
@@ -34,12 +34,15 @@ class Mobility:
     driven: Float[np.ndarray, "nodes"]
 
 
-def mobility_along(system: System, path: Trajectory, record: Record | None, gravity_drives: bool) -> Mobility:
-    """Spectra at every node of a motion.  gravity_drives: whether weight is the drive."""
-    drives = None
+def mobility_along(
+    system: System, path: Trajectory, record: Record | None, gravity_drives: bool, every: int = 1
+) -> Mobility:
+    """Spectra at every so many nodes of a motion.  gravity_drives: whether weight is the drive."""
+    nodes, drives = np.arange(0, path.q.shape[0], every), None
     if record is not None:
-        drives = record.values[np.minimum(np.arange(path.q.shape[0]), record.values.shape[0] - 1)]
-    jacobians, push = _along(system, path.pose, path.q, drives, record, gravity_drives)
+        drives = record.values[np.minimum(nodes, record.values.shape[0] - 1)]
+    poses = jax.tree.map(lambda leaf: leaf[nodes], path.pose)
+    jacobians, push = _along(system, poses, path.q[nodes], drives, record, gravity_drives)
     jacobians, push = np.asarray(jacobians), np.asarray(push)
     parts = [
         _spectra(system, jacobians[at : at + BATCH], push[at : at + BATCH]) for at in range(0, len(jacobians), BATCH)

@@ -26,13 +26,16 @@ from backend.model.build import build
 from backend.model.flexible import split
 from backend.model.model import Model
 from backend.model.state import Start
+from backend.model.system import System
 from backend.simulate.assemble import start as closed_start
 from backend.simulate.record import Record, on_steps
 from backend.simulate.rollout import Trajectory
 from backend.simulate.run import Run, as_run, assembled
+from backend.simulate.spectrum import real
 
 MOST_STEPS = 1e5
 MOST_NUMBERS = 2_000_000  # of a report's series: beyond, only every so many steps are written
+MOST_WORK = 1e9  # multiplications for all spectra: beyond, likewise; some ten seconds
 DIGITS = 7
 CONES = 60  # nodes at which the friction-cone programme is asked
 LOST_LEVER = 0.2  # of its greatest: a prescribed motion lost below this had run into a dead centre
@@ -112,11 +115,12 @@ def _jam(
     creep = creep_ratio(plant, path)
     last = max(path.q.shape[0] - 1, 0)
     gravity_drives = Scene.at(model, path, last, record, step_s).gravity_drives
-    mobility = mobility_along(plant, path, record, gravity_drives)
+    every = _every(plant, last + 1)
+    mobility = mobility_along(plant, path, record, gravity_drives, every)
     lost = np.flatnonzero(np.asarray(path.lost))
     finding, onset = None, None
     if lost.size:
-        finding, onset = _lost(plant.is_driven, model, mobility, int(lost[0]), step_s)
+        finding, onset = _lost(plant.is_driven, model, mobility, int(lost[0]), every, step_s)
     elif creep[0] < AT_REST and (balanced := find_balance(Scene.at(model, path, 0, record, step_s))):
         # Rounding alone would leave it, in a time that says nothing of the mechanism.
         finding, onset = balanced, 0.0
@@ -124,15 +128,22 @@ def _jam(
         # The end of the rest is the settled pose; its beginning may still creep.
         finding, onset = find_cause(Scene.at(model, path, last, record, step_s)), rest.onset_s
     along = _cone_along(model, path, record, step_s)
-    report = _report(mechanism.name, experiment, model, run, creep, mobility, along, finding, onset)
+    report = _report(mechanism.name, experiment, model, run, creep, mobility, every, along, finding, onset)
     return Jam(report, run, split(mechanism))
 
 
+def _every(plant: System, nodes: int) -> int:
+    """Steps between two entries of the report's series: one, unless the mechanism is large."""
+    rows, freedoms = int(plant.rigid_rows.sum()), 6 * int(real(plant).sum())
+    width = min(rows, freedoms) + 12 * plant.rigid_rows.shape[0]
+    return max(1, math.ceil(nodes * width / MOST_NUMBERS), math.ceil(nodes * rows * freedoms**2 / MOST_WORK))
+
+
 def _lost(
-    driven: np.ndarray, model: Model, mobility: Mobility, node: int, step_s: float
+    driven: np.ndarray, model: Model, mobility: Mobility, node: int, every: int, step_s: float
 ) -> tuple[Finding | None, float | None]:
     """A prescribed motion that the mechanism cannot follow ends in a dead centre; any other loss is the solver's."""
-    falls = mobility.driven[: node + 1]
+    falls = mobility.driven[: node // every + 1]
     if not driven.any() or falls[-1] > LOST_LEVER * falls.max():
         return None, None
     at = tuple(f"joint:{model.topology.joint_ids[j]}" for j in np.flatnonzero(driven))
@@ -157,12 +168,11 @@ def _report(
     run: Run,
     creep: np.ndarray,
     mobility: Mobility,
+    every: int,
     along: ConeAlong,
     finding: Finding | None,
     onset: float | None,
 ) -> JamReport:
-    nodes, width = len(run.time_s), mobility.singular_values.shape[1] + 12 * len(run.reaction_force_n)
-    every = max(1, math.ceil(nodes * width / MOST_NUMBERS))
     keep = slice(None, None, every)
     topology = model.topology
     bodies = topology.body_ids + topology.fixed_ids
@@ -185,10 +195,10 @@ def _report(
         step_s=run.step_s,
         every=every,
         time_s=_numbers(run.time_s[keep]),
-        mobility=tuple(map(int, mobility.mobility[keep])),
-        small_singular_values=tuple(map(int, mobility.published[keep])),
-        singular_values=tuple(_numbers(row) for row in mobility.singular_values[keep]),
-        driven_singular_value=_numbers(mobility.driven[keep]),
+        mobility=tuple(map(int, mobility.mobility)),
+        small_singular_values=tuple(map(int, mobility.published)),
+        singular_values=tuple(_numbers(row) for row in mobility.singular_values),
+        driven_singular_value=_numbers(mobility.driven),
         creep_ratio=_numbers(creep[keep]),
         result=run.result,
         reactions={
