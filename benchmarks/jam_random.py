@@ -1,6 +1,6 @@
 """Random four-bars and scissors: does `linktwin jam` say what Exudyn's own motions say?
 
-python -m benchmarks.jam_random --count 200 --seed 2026      # 40 with another seed while working on it
+python -m benchmarks.jam_random --count 200 --seed 4001      # 40 with another seed while working on it
 
 The truth is found in Exudyn alone: it lets the drawing go, sees whether and since when it rests, then lets it go again
 from there without friction, with up to a hundred times the drive, and a little off the pose.  A drawing whose verdict
@@ -32,6 +32,7 @@ WHILE_S, FREED = 0.25, 0.02  # how long a copy is watched, and how far it comes 
 ACCELERATES = 1e-3  # rad that a copy without friction comes if it accelerates at all: 0.03 rad/s² in that time
 STRONGER = (2.0, 10.0, 30.0, 100.0)
 DECIDED = 0.03
+BALANCED = 1e-6  # rad/s in the first 10 ms: only rounding leaves an exact dead centre
 PUSH, PUSHED_S = 1e-3, 1.0  # rad; what grows from a small push takes its time
 FAR_RAD = 1e3
 FRICTIONS = ("coulomb_friction", "pin_friction")
@@ -134,6 +135,8 @@ def truth(mechanism: Mechanism) -> Truth:
         rubs = any(given["kind"] in FRICTIONS and acts(given) for given in drawn["effects"])
         if rubs and rests(followed(changed(drawn, friction=1 + DECIDED), DURATION_S)):
             raise Undecided("3% more friction stops it")
+        if not rubs and fastest(seen)[:10].max() < BALANCED:
+            return Truth(True, "singularity", 0.0)
         return Truth(False, "none", None)
     rate = fastest(seen)
     fast = np.flatnonzero(rate > max(AT_REST, STANDSTILL * rate.max()))
@@ -236,7 +239,7 @@ def main() -> None:
     """One line a drawing with --each, then the figures."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--count", type=int, default=200)
-    options.add_argument("--seed", type=int, default=2026)
+    options.add_argument("--seed", type=int, default=4001)
     options.add_argument("--each", action="store_true", help="print every drawing")
     chosen = options.parse_args()
     begin, left_out = time.perf_counter(), Counter()

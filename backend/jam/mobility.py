@@ -22,7 +22,7 @@ BATCH = 64  # poses decomposed together
 
 @dataclass(frozen=True)
 class Mobility:
-    """Per node looked at: singular values of the held rows (falling), ways to move by their gap and by the published one.
+    """Per node looked at: singular values of the held rows (falling), ways to move, by their gap and published.
 
     driven: the singular value that falls to 0, in proportion to the distance, where the drive loses its lever: of the
     held rows with the direction of the drive below them, the first beyond the held rows' own rank.
