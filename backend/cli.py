@@ -259,6 +259,49 @@ def twin(
         answer({"file": str(path), "format": format, "left_out": written.left_out}, "\n".join(lines))
 
 
+@app.command()
+def jam(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="MECHANISM|STUDY", help="mechanism.json or study.json.", exists=True, dir_okay=False),
+    ],
+    duration_s: Annotated[
+        float | None, typer.Option("--duration", metavar="S", min=0.0, help="How long [s]; 1, or the experiment's own.")
+    ] = None,
+    step_s: Annotated[float, typer.Option("--step", metavar="S", min=0.0, help="Time step [s].")] = 1e-3,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say whether it jams, when, where, why and by what margin: jam.json and a page."""
+    with _answering(as_json) as answer:
+        from backend.mechanism.read import is_study, read_mechanism, read_study
+        from backend.report.jam_page import write_jam_page
+        from backend.report.jam_summary import jam_evidence, jam_text
+
+        many = is_study(file)
+        study = read_study(file) if many else None
+        drawn = study.mechanism if study else read_mechanism(file)
+        folder = _folder(out, drawn.name)
+        with _progress("letting it go") as advance:
+            from backend.jam.run import jam as jam_drawing
+            from backend.jam.run import jam_study
+
+            if study:
+                found = jam_study(study, duration_s, step_s, progress=_counting(advance))
+            else:
+                length = 1.0 if duration_s is None else duration_s
+                found = {"": jam_drawing(drawn, length, step_s, progress=_counting(advance))}
+        reports, said = {}, []
+        for experiment, one in found.items():
+            place = folder / re.sub(r"[^\w.-]+", "_", experiment).lstrip(".") if experiment else folder
+            reports[experiment] = one.report.model_dump(mode="json")
+            _write_json(reports[experiment], place / "jam.json")
+            page = write_jam_page(jam_evidence(one), place / "jam.html")
+            named = f"{experiment}: " if experiment else ""
+            said.append(f"{named}{jam_text(one)}\nwrote       {place / 'jam.json'}\nopen        {page}")
+        answer({"experiments": reports} if study else reports[""], "\n".join(said))
+
+
 def _settings(pairs: list[str]) -> dict[str, str]:
     """`cells=23` -> {"cells": "23"}; the script's own declarations say what type each has."""
     chosen: dict[str, str] = {}

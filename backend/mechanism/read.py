@@ -57,6 +57,12 @@ def read_study(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
     return parse_study(_load(Path(path)), Path(path).parent, source=str(path), root=root)
 
 
+def is_study(path: str | os.PathLike[str]) -> bool:
+    """Whether a file holds a study; DrawingError where it holds no JSON."""
+    document = _load(Path(path))
+    return isinstance(document, dict) and "experiments" in document
+
+
 def parse_study(
     document: Mapping[str, Any],
     folder: str | os.PathLike[str],

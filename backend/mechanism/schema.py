@@ -6,10 +6,11 @@ import json
 from pathlib import Path
 
 from backend.mechanism.fit_report import FitReport
+from backend.mechanism.jam_report import JamReport
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import StudyFile
 
-FORMATS = {"mechanism": Mechanism, "study": StudyFile, "fit": FitReport}
+FORMATS = {"mechanism": Mechanism, "study": StudyFile, "fit": FitReport, "jam": JamReport}
 FOLDER = Path(__file__).parents[2] / "docs" / "schema"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.mechanism.fit_report import FitReport
+from backend.mechanism.jam_report import JamReport
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import Use
 
@@ -99,6 +100,15 @@ class SimulationEvidence:
     result: str = ""
     redundancy: str = ""
     forces_page: str = ""
+
+
+@dataclass(frozen=True)
+class JamEvidence:
+    """What was found of a motion that may have jammed; `report` has its series, `motion` every node."""
+
+    mechanism: Mechanism
+    motion: Motion
+    report: JamReport
 
 
 @dataclass(frozen=True)
