@@ -12,6 +12,7 @@ from typing import Literal
 import jax
 import numpy as np
 
+from backend.effects.shapes import AbstractJointClearance, AbstractLinkContact
 from backend.fit.free import free_parameters
 from backend.fit.identifiability import Profile, Uncertainty, assess, profile_interval
 from backend.fit.loss import LossName
@@ -19,6 +20,7 @@ from backend.fit.prediction import addresses_of
 from backend.fit.residual import Residuals
 from backend.fit.result import FitResult, Overlay, make_report, overlays_of
 from backend.fit.run import Run
+from backend.fit.secant import smoothed
 from backend.fit.solve import Iteration, Optimiser, Solution, solve
 from backend.fit.starts import best_of, scattered
 from backend.mechanism.study import Study
@@ -87,6 +89,11 @@ def fit_study(
         residuals.learn_memory(solution.x)
         solution = search.at_full_length(solution.x)
     p = len(scale)
+    if solution.status == "disagree":
+        solution = search.at_full_length(smoothed(residuals.problem(), solution).x)
+    if solution.status == "rough" or model.of(AbstractJointClearance) or model.of(AbstractLinkContact):
+        tell(0.68, "slopes over the distance that the data tell apart")
+        solution = smoothed(residuals.problem(), solution)
     rows = residuals.rows()
     known = [True] * p + [False] * (solution.x.size - p)
     uncertainty = assess(

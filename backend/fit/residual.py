@@ -70,7 +70,7 @@ class Residuals:
         """Least squares over the first fraction of every record.
 
         anchor: values that the parameters keep as far as the data do not speak: a row each, one for a change by its
-        own or its natural size.
+        own size, or by its natural size where it is zero.
         """
         bounds = [run.bounds() for run in self.runs]
         lower = np.concatenate([[f.lower for f in self.parameters], *[b[0] for b in bounds]])
@@ -84,7 +84,7 @@ class Residuals:
             if last.get("x") is None or not np.array_equal(last["x"], x):
                 r, J = self.evaluate(x, fraction)
                 if anchor is not None:
-                    reach = np.maximum(self.scale, np.abs(anchor[:p]))
+                    reach = np.where(anchor[:p] == 0.0, self.scale, np.abs(anchor[:p]))
                     J = np.concatenate([J, np.eye(p, x.size) / reach[:, None]])
                     r = np.concatenate([r, (x[:p] - anchor[:p]) / reach])
                 last.update(x=x.copy(), r=r, J=J)

@@ -240,6 +240,12 @@ def _step_in_box(problem, x, R, Qr, damping, widest) -> Vector:
     return lsq_linear(A, b, (np.minimum(low, 0.0), np.maximum(high, 0.0)), method="bvls").x / D
 
 
+def step_within(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], r: Float[np.ndarray, " n"]) -> Vector:
+    """The Gauss-Newton step inside the box and within a stride."""
+    Q, R = np.linalg.qr(J)
+    return _step_in_box(problem, x, R, Q.T @ r, 1e-12, np.linalg.norm(R, axis=0))
+
+
 def _lbfgsb(problem, cost, x, r, J, max_iterations, ftol, gtol, refusals, progress, cancelled) -> Solution:
     """Quasi-Newton on the same objective in scaled variables; for comparison, it does not see J'J."""
     history: list[Iteration] = []

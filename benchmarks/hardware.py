@@ -1,0 +1,158 @@
+"""A stand-in for the paper's hardware: 23 cells sprung open from the stowed pose, tracked with 1 mm of noise.
+
+python -m benchmarks.hardware [--picture FILE]      about ten minutes
+
+The scissor is drawn by samples/scissor/design.py: two springs of 2870 N/m across its first two cells, pins of 8.0 mm in
+holes of 8.8 mm (0.4 mm of play), bars side by side.  What is filmed is MuJoCo's motion of it, with play and viscous
+friction at all 67 pins, friction on the bed and bars that cannot pass through each other; the drawing knows the bars'
+widths and nothing of the rest.  Searches begin at a quarter of the play and at no friction at all.  The paper's twin of
+its own hardware was 10 to 20 mm off.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from scipy.interpolate import CubicSpline
+
+from backend.blind.mujoco_engine import simulate_mujoco
+from backend.fit.fit_study import fit_study
+from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.read import parse_mechanism
+from backend.mechanism.study import Experiment, Release, Study
+from backend.simulate.run import Run, simulate
+from benchmarks.identification import marker_paths
+from cad_export.script import export_script
+
+CELLS, STOWED_DEG, WIDTH_M = 23, 85.35, 0.016
+SPRING_N_PER_M, FREE_SHARE = 2870.0, 0.8
+PLAY_M, DRAG, BED = 4e-4, 3e-3, 0.1  # m, N m s/rad, 1
+RATE_HZ, NOISE_M, STILL = 240.0, 1e-3, 12
+NODES_S, MUJOCO_S, FIT_S = 1e-3, 5e-5, 5e-4
+FREE = (
+    "clearance:play.radial_m",
+    "viscous_friction:drag.damping_n_m_s_per_rad",
+    "surface_friction:bed.friction_coefficient",
+)
+
+
+def drawing() -> dict[str, Any]:
+    """The exporter's document."""
+    settings = {
+        "cells": str(CELLS),
+        "angle_deg": str(STOWED_DEG),
+        "spring_n_per_m": str(SPRING_N_PER_M),
+        "free_length_share": str(FREE_SHARE),
+        "spring_cells": "2",
+        "hole_mm": str(8.0 + 2e3 * PLAY_M),
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        design = Path(__file__).parents[1] / "samples" / "scissor" / "design.py"
+        return json.loads(export_script(design, folder, settings).read_text(encoding="utf-8"))
+
+
+def with_effects(document: dict[str, Any], play_m: float, drag: float, bed: float) -> Mechanism:
+    """The scissor with what a real one has; play_m 0: pins without play."""
+    pins = [joint["id"] for joint in document["joints"] if joint["type"] == "revolute"]
+    bars = [body["id"] for body in document["bodies"] if body["id"][0] in "AB"]
+    half = 0.5 * WIDTH_M
+    ends = {f"{end}_{side}_m": [x, 0.0, 0.0] for side in "ab" for end, x in (("start", 0.0), ("end", 0.2))}
+    effects: list[dict[str, Any]] = [
+        {"id": "drag", "kind": "viscous_friction", "on": pins, "parameters": {"damping_n_m_s_per_rad": drag}},
+        {"id": "bed", "kind": "surface_friction", "on": bars, "parameters": {"friction_coefficient": bed}},
+    ]
+    if play_m:
+        effects.append({"id": "play", "kind": "clearance", "on": pins, "parameters": {"radial_m": play_m}})
+    for layer in "AB":
+        for i in range(CELLS - 1):
+            touch = {"radius_a_m": half, "radius_b_m": half, **ends}
+            on = [f"{layer}{i}", f"{layer}{i + 1}"]
+            effects.append({"id": f"touch_{layer}{i}", "kind": "link_contact", "on": on, "parameters": touch})
+    return parse_mechanism({**document, "effects": document["effects"] + effects})
+
+
+def tracked(mechanism: Mechanism, time_s: np.ndarray, paths: np.ndarray, seed: int) -> Study:
+    """The motion as a camera's tracks, after some frames held by the latch."""
+    rng = np.random.default_rng(seed)
+    release = STILL / RATE_HZ
+    time_s = np.concatenate([np.arange(STILL) / RATE_HZ, release + time_s])
+    seen = np.concatenate([np.repeat(paths[:1], STILL, 0), paths])
+    seen = seen + NOISE_M * rng.standard_normal(seen.shape)
+    tables = [
+        pd.DataFrame(
+            {"time_s": time_s, "marker": marker.id, "x_m": seen[:, i, 0], "y_m": seen[:, i, 1], "z_m": np.nan}
+        ).assign(sigma_m=NOISE_M)
+        for i, marker in enumerate(mechanism.markers)
+    ]
+    run = Experiment("deployment", "fit", Release(time_s=release), tracks=pd.concat(tables, ignore_index=True))
+    return Study(mechanism, (run,))
+
+
+def at_samples(mechanism: Mechanism, motion: Run, time_s: np.ndarray) -> np.ndarray:
+    """(T, markers, 2) in W."""
+    paths = marker_paths(mechanism, motion)[..., :2]
+    return CubicSpline(np.arange(len(paths)) * FIT_S, paths)(time_s)
+
+
+def picture(time_s: np.ndarray, truth: np.ndarray, twins: dict[str, np.ndarray], path: Path) -> None:
+    """Paths of a few nodes seen from above, and the mean error in time."""
+    figure, (above, errors) = plt.subplots(1, 2, figsize=(11, 4), width_ratios=(3, 2), layout="constrained")
+    shown = range(0, truth.shape[1], 6)
+    for i in shown:
+        above.plot(*(1e3 * truth[:, i].T), "k.", ms=3, label="filmed" if i == 0 else None)
+    for (name, paths), colour in zip(twins.items(), ("tab:orange", "tab:blue"), strict=True):
+        for i in shown:
+            above.plot(*(1e3 * paths[:, i].T), color=colour, lw=1, label=name if i == 0 else None)
+        error = 1e3 * np.linalg.norm(paths - truth, axis=-1)
+        errors.plot(1e3 * time_s, error.mean(1), color=colour, label=name)
+        errors.fill_between(1e3 * time_s, *np.quantile(error, (0.1, 0.9), axis=1), color=colour, alpha=0.2)
+    errors.axhline(3.0, color="k", lw=0.5, ls=":")
+    above.set(xlabel="x, mm", ylabel="y, mm", title="nodes from above")
+    errors.set(xlabel="time since the latch opened, ms", ylabel="error of the nodes, mm", title="mean, 10% to 90%")
+    errors.set_yscale("log")
+    above.legend(fontsize=8)
+    errors.legend(fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--duration", type=float, default=0.3)
+    parser.add_argument("--picture", type=Path)
+    asked = parser.parse_args()
+    document = drawing()
+    begin = time.perf_counter()
+    real = with_effects(document, PLAY_M, DRAG, BED)
+    motion = simulate_mujoco(real, asked.duration, MUJOCO_S, output_step_s=NODES_S)
+    time_s = np.arange(0.0, asked.duration, 1.0 / RATE_HZ)
+    paths = CubicSpline(motion.time_s, marker_paths(real, motion))(time_s)
+    print(f"{CELLS} cells, {len(real.markers)} nodes: filmed in {time.perf_counter() - begin:.0f} s", flush=True)
+    begin = time.perf_counter()
+    study = tracked(with_effects(document, 0.25 * PLAY_M, 0.0, 0.0), time_s, paths, seed=1)
+    result = fit_study(study, FREE, profiles=False, step_s=FIT_S)
+    print(f"fitted in {time.perf_counter() - begin:.0f} s: {result.solution.message}")
+    for name, sd, truth in zip(FREE, result.uncertainty.sd, (PLAY_M, DRAG, BED), strict=False):
+        value = result.values[name]
+        print(f"  {name:45} {value:.4g} +- {sd:.2g}   truth {truth:.4g}  ({100 * (value / truth - 1):+.1f}%)")
+    print(f"  chi-square per sample {result.uncertainty.chi_square_per_point:.2f}")
+    twins = {
+        "as drawn": with_effects(document, 0.0, 0.0, 0.0),
+        "fitted": with_effects(document, *result.values.values()),
+    }
+    seen = {name: at_samples(twin, simulate(twin, asked.duration, FIT_S), time_s) for name, twin in twins.items()}
+    for name, at in seen.items():
+        error = 1e3 * np.linalg.norm(at - paths[..., :2], axis=-1)
+        mean, last, worst = error.mean(), error[-1].mean(), error.max()
+        print(f"  {name:9}: mean node error {mean:.2f} mm, at the end {last:.2f} mm, largest {worst:.2f} mm")
+    if asked.picture:
+        picture(time_s, paths[..., :2], seen, asked.picture)
+
+
+if __name__ == "__main__":
+    main()

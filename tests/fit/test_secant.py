@@ -1,0 +1,61 @@
+"""Slopes over a standard deviation: what is rough at a finer scale neither narrows intervals nor holds the answer."""
+
+import numpy as np
+import pytest
+
+from backend.fit.secant import smoothed
+from backend.fit.solve import LeastSquares, solve
+
+TRUTH = np.array([2.0, 0.3])
+T = np.linspace(0.0, 1.0, 400)
+NOISE = 0.1
+
+
+def rough_problem(seed: int, ripple: float, bounds: tuple[float, float] = (-10.0, 10.0)) -> LeastSquares:
+    """A line through noise, with a ripple in the parameters ten times finer than the data can tell."""
+    rng = np.random.default_rng(seed)
+    phase, seen = rng.uniform(0, 2 * np.pi, (2, T.size)), TRUTH[0] * T + TRUTH[1] + NOISE * rng.standard_normal(T.size)
+    fine = 1e-3
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        ripples = ripple * NOISE * np.sin(x[:, None] / fine + phase).sum(0)
+        return (x[0] * T + x[1] + ripples - seen) / NOISE
+
+    def linearise(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        slope = ripple * NOISE / fine * np.cos(x[:, None] / fine + phase)
+        return residual(x), np.stack([T, np.ones_like(T)], 1) / NOISE + slope.T / NOISE
+
+    low, high = (np.full(2, bound) for bound in bounds)
+    return LeastSquares(("slope", "offset"), residual, linearise, low, high, np.ones(2))
+
+
+def deviations(J: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
+
+
+def test_the_deviations_are_those_of_the_motion_and_not_of_its_ripple():
+    smooth = solve(rough_problem(0, 0.0), np.array([1.0, 0.0]))
+    found = solve(rough_problem(0, 0.05), np.array([1.0, 0.0]))
+    # The exact derivative sees the ripple's slope, five times that of the line.
+    assert np.all(deviations(found.jacobian) < 0.3 * deviations(smooth.jacobian))
+    assert deviations(smoothed(rough_problem(0, 0.05), found).jacobian) == pytest.approx(
+        deviations(smooth.jacobian), rel=0.1
+    )
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    held = []
+    for seed in range(60):
+        problem = rough_problem(seed, 0.05)
+        found = smoothed(problem, solve(problem, TRUTH + np.array([0.03, -0.02])))
+        held.append(np.abs(found.x - TRUTH) < 1.96 * deviations(found.jacobian))
+    # 120 intervals of 95%, of which two in a row are correlated: 88% is three standard errors below.
+    assert np.mean(held) > 0.88
+
+
+def test_a_bound_nearer_than_a_deviation_is_respected():
+    problem = rough_problem(1, 0.0, bounds=(-10.0, 2.0))
+    found = smoothed(problem, solve(problem, np.array([1.0, 0.0])))
+    assert np.all(found.x <= 2.0)
+    assert np.all(np.isfinite(found.jacobian))
+    assert np.all(np.linalg.norm(found.jacobian, axis=0) > 1.0)
