@@ -101,8 +101,6 @@ class Checkpoint:
 
 def digest(study: Study, free: Sequence[str], options: Mapping[str, Any]) -> str:
     """A fingerprint of everything that decides the course of a fit; where files lie does not."""
-    from pandas.util import hash_pandas_object
-
     stated = {
         "mechanism": study.mechanism.model_dump(mode="json"),
         "tolerances": [t.model_dump(mode="json") for t in study.tolerances],
@@ -115,8 +113,7 @@ def digest(study: Study, free: Sequence[str], options: Mapping[str, Any]) -> str
         for name in ("tracks", "joint_positions", "inputs", "joint_efforts"):
             table = getattr(e, name)
             if table is not None:
-                made.update(f"{e.id} {name} {list(table.columns)}".encode())
-                made.update(hash_pandas_object(table, index=False).to_numpy().tobytes())
+                made.update(f"{e.id} {name}\n{table.to_csv(index=False)}".encode())
     return made.hexdigest()
 
 
