@@ -215,6 +215,9 @@ def fit(
     starts: Annotated[
         int, typer.Option(metavar="N", min=0, help="Further searches from scattered values; the likeliest end wins.")
     ] = 0,
+    sparse: Annotated[
+        bool, typer.Option("--sparse", help="One value for all of KIND:*, but for the places found to deviate.")
+    ] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the fit that was cut off in --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
@@ -237,8 +240,8 @@ def fit(
 
             kept = folder / FILE
             result = fit_study(
-                loaded, specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, checkpoint=kept,
-                resume=resume, progress=advance, cancelled=stopped,
+                loaded, specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, sparse=sparse,
+                checkpoint=kept, resume=resume, progress=advance, cancelled=stopped,
             )  # fmt: skip
         written = result.write(folder)
         page = write_fit_page(fit_evidence(loaded, result), folder / "fit.html")

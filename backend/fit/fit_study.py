@@ -12,6 +12,7 @@ from typing import Literal
 import jax
 import numpy as np
 
+from backend.fit.alike import alike
 from backend.fit.checkpoint import Checkpoint, digest
 from backend.fit.free import free_parameters
 from backend.fit.identifiability import Profile, Uncertainty, assess, profile_interval
@@ -23,13 +24,14 @@ from backend.fit.result import FitResult, Overlay, make_report, overlays_of
 from backend.fit.run import Run
 from backend.fit.search import PART, WHOLE, Search
 from backend.fit.solve import Optimiser, Solution
+from backend.fit.sparse import Sparse
 from backend.fit.starts import scattered
 from backend.mechanism.study import Study
 from backend.model.build import build
 from backend.model.model import Model
 
 STEPS_PER_TIME = 50.0  # of sqrt(length / gravity): a pendulum's phase is then off by 2e-5 of what it turned
-START, PROFILE, OVERLAYS = 1.0, 6.0, 2.0  # what these usually cost, in iterations of the search
+START, PROFILE, OVERLAYS = 1.0, 12.0, 2.0  # what these usually cost, in iterations of the search
 POSE_MISS = 0.02  # rad, or mechanism lengths, beyond which no pose is said to explain the first samples
 
 
@@ -43,6 +45,7 @@ def fit_study(
     step_s: float | None = None,
     horizons: Sequence[float] = (0.1, 0.35),
     starts: int = 0,
+    sparse: bool = False,
     profiles: bool = True,
     max_iterations: int = 40,
     checkpoint: Path | None = None,
@@ -55,9 +58,12 @@ def fit_study(
     free: `KIND:ON[.PARAMETER]` (see `free`). loss: a robust one ignores outliers. noise: "ar1" when neighbouring
     samples share their error. step_s: of the simulation, by default from the sampling and the mechanism's size.
     horizons: fractions of the records to fit first, because long swings have local minima. starts: further
-    searches from scattered values. profiles: likelihood intervals. checkpoint: a file that keeps the search after
-    every accepted step and goes when the fit is done; resume: go on from it. progress(fraction, words);
-    cancelled() ends the search early with `converged` false, and leaves the checkpoint.
+    searches from scattered values. sparse: values of one kind, freed at three places or more, are one shared value
+    but for the places that stand out of the noise, which are named. profiles: likelihood intervals.
+
+    checkpoint: a file that keeps the search after every accepted step and goes when the fit is done; resume: go on
+    from it. progress(fraction, words); cancelled() ends the search early with `converged` false, and leaves the
+    checkpoint.
 
     Raises ValueError, naming the part and the remedy, for specs or experiments that cannot be fitted.
     """
@@ -75,14 +81,21 @@ def fit_study(
     model = build(study.mechanism, freedom.added)
     table, addresses = model.parameters, addresses_of(freedom.parameters)
     step = step_s or default_step(study, model)
-    p, searches = len(freedom.parameters), starts + 1
-    seeking = PART * len(horizons) + WHOLE
-    whole = START + searches * seeking + (noise == "ar1") * WHOLE + profiles * p * PROFILE + OVERLAYS
-    pace = Pace(progress or (lambda fraction, words: None), whole)
+    groups = alike(study.mechanism, freedom.parameters) if sparse else []
+    if sparse and not groups:
+        raise ValueError(
+            f"Nothing in {', '.join(free)} could be shared: a sparse fit needs values of one kind at three places or "
+            "more, each its own, as KIND:*."
+        )
+    searches = 1 + starts + 0.5 * sparse + 0.5 * (noise == "ar1")
+    seeking, few = PART * len(horizons) + WHOLE, len(freedom.parameters) - sum(len(g.members) - 1 for g in groups)
+    pace = Pace(
+        progress or (lambda fraction, words: None), START + searches * seeking + profiles * few * PROFILE + OVERLAYS
+    )
     pace.enter(START, "finding where each experiment starts")
     options = {
         "optimiser": optimiser, "loss": loss, "noise": noise, "step_s": step, "horizons": list(horizons),
-        "starts": starts, "max_iterations": max_iterations,
+        "starts": starts, "sparse": sparse, "max_iterations": max_iterations,
     }  # fmt: skip
     made_of = digest(study, free, options) if checkpoint else ""
     kept = Checkpoint.resume(checkpoint, made_of) if checkpoint and resume else Checkpoint(checkpoint, made_of)
@@ -90,15 +103,20 @@ def fit_study(
     held_out = [Run.of(e, model, addresses, step) for e in study.held_out]
     scale = np.array([table[f.addresses[0]].natural for f in freedom.parameters])
     residuals = Residuals(freedom.parameters, scale, runs)
+    shared = Sparse(residuals, groups) if groups else None
+    residuals = shared.few if shared else residuals
     search = Search(residuals, optimiser, loss, max_iterations, kept, pace, cancelled)
     start, problem = residuals.start, residuals.problem()
-    moved = (np.arange(start.size) < p).tolist()
+    moved = (np.arange(start.size) < len(residuals.parameters)).tolist()
     begins = scattered(start, 0.1 * problem.scale, problem.lower, problem.upper, starts, moved)
     solution = search.from_starts(begins, horizons)
+    if shared:
+        solution = shared.seek(search, solution)
+        residuals, held_out = shared.few, [shared.run(run) for run in held_out]
     if noise == "ar1" and solution.converged:
         residuals.learn_memory(solution.x)
         solution = search.at_full_length(solution.x)
-    rows = residuals.rows()
+    p, rows = len(residuals.parameters), residuals.rows()
     known = [True] * p + [False] * (solution.x.size - p)
     uncertainty = assess(
         residuals.names, solution, residuals.problem().scale, rows.run, rows.instant, known, residuals.spread
@@ -108,6 +126,8 @@ def fit_study(
     warnings = [*uncertainty.warnings, *_misses([*runs, *held_out])]
     if not solution.converged:
         warnings.insert(0, solution.message)
+    if shared:
+        warnings += shared.sentences(solution)
     if profiles and solution.converged:
         intervals = _profiles(residuals, solution, uncertainty, p, pace, cancelled)
         complete = len(intervals) == sum(np.isfinite(uncertainty.sd[:p]))
@@ -117,13 +137,13 @@ def fit_study(
     overlays = _overlays(residuals, held_out, solution)
     report = make_report(
         residuals, solution, uncertainty, intervals, search.history, overlays,
-        time.perf_counter() - began, warnings,
+        time.perf_counter() - began, warnings, list(shared.deviations(solution, uncertainty)) if shared else (),
     )  # fmt: skip
     if complete:
         kept.remove()
     if progress:
         progress(1.0, "done")
-    values = {f.name: float(v) for f, v in zip(freedom.parameters, solution.x[:p], strict=True)}
+    values = {f.name: float(v) for f, v in zip(residuals.parameters, solution.x[:p], strict=True)}
     return FitResult(report, tuple(overlays), values, residuals, solution, uncertainty, residuals.spread)
 
 

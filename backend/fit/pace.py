@@ -13,19 +13,21 @@ TRUSTED_S = 2.0  # of work before its speed says anything
 class Pace:
     """Pieces of work of stated weights, which are their usual costs in iterations, told as one share of the whole.
 
-    planned: weight of all pieces. The time left is what the rest takes at the speed since the first iteration:
-    compiling comes before it and does not count.
+    planned: weight of all pieces. The time left is what the rest takes at the price of an iteration since the first:
+    compiling comes before it and does not count, nor do iterations that a piece turned out not to need.
     """
 
     def __init__(self, tell: Progress, planned: float, clock: Callable[[], float] = time.perf_counter):
         self._tell, self.planned, self._clock = tell, planned, clock
-        self._done = self._piece = self._steps = self._share = 0.0
-        self._first: tuple[float, float] | None = None
+        self._done = self._piece = self._steps = self._part = self._share = self._worked = 0.0
+        self._first: float | None = None
 
     def enter(self, weight: float, words: str = "") -> None:
         """Leave the last piece of work and begin the next."""
         self._done += self._piece
-        self._piece, self._steps = weight, 0.0
+        if self._first is not None and not self._steps:
+            self._worked += self._piece
+        self._piece, self._steps, self._part = weight, 0.0, 0.0
         self.planned = max(self.planned, self._done + weight)
         if words:
             self.tell(0.0, words)
@@ -33,12 +35,15 @@ class Pace:
     def step(self, words: str) -> None:
         """One more iteration of this piece of work."""
         self._steps += 1.0
-        self.tell(self._steps / (self._steps + USUAL), words)
         if self._first is None:
-            self._first = self._clock(), self._share
+            self._first = self._clock()
+        else:
+            self._worked += 1.0
+        self.tell(self._steps / (self._steps + USUAL), words)
 
     def tell(self, part: float, words: str) -> None:
         """This part (0 to 1) of the piece of work is done."""
+        self._part = part
         self._share = max(self._share, min((self._done + part * self._piece) / self.planned, 1.0))
         left = self.left_s()
         self._tell(self._share, words if left is None else f"{words}, about {_rounded(left)} left")
@@ -47,9 +52,10 @@ class Pace:
         """Time left [s]; None while too little was done to say."""
         if self._first is None:
             return None
-        began, share = self._first
-        spent, gained = self._clock() - began, self._share - share
-        return spent / gained * (1.0 - self._share) if spent > TRUSTED_S and gained > 0.0 else None
+        spent = self._clock() - self._first
+        if spent <= TRUSTED_S or not self._worked:
+            return None
+        return spent / self._worked * max(self.planned - self._done - self._part * self._piece, 0.0)
 
 
 def _rounded(seconds: float) -> str:

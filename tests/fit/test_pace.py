@@ -19,8 +19,8 @@ def test_work_that_costs_what_it_usually_does_is_foretold(paced):
         for _ in range(5):
             now[0] += 1.0
             pace.step("searching")
-    # Five steps of a piece of ten tell 5/9 of it: 15.6 of 20 are done, at 13.6 in the 9 s since the first step.
-    assert pace.left_s() == pytest.approx(9.0 * 4.44 / 13.56, rel=0.01)
+    # A step took a second; five steps of a piece of ten tell 5/9 of it, which leaves 4.4 of 20.
+    assert pace.left_s() == pytest.approx(40 / 9)
     assert told[-1] == (pytest.approx(15.56 / 20, abs=1e-3), "searching, about 5 s left")
 
 
@@ -32,7 +32,7 @@ def test_compiling_before_the_first_step_is_not_taken_for_slow_work(paced):
     assert pace.left_s() is None
     now[0] = 103.0
     pace.step("searching")
-    assert pace.left_s() < 60.0
+    assert pace.left_s() == pytest.approx(3.0 * (20.0 - 10.0 / 3.0))  # two steps tell a third of a piece of ten
 
 
 def test_the_share_never_falls_though_more_work_comes_than_planned(paced):
