@@ -83,12 +83,9 @@ def deviants(seen: Linearised, floor: float) -> Deviants:
     kept = [int(k) for k in np.flatnonzero(_scaled_lasso(unit, y, seen.run >= 0, floor))]
     # More deviations than half of the places are not deviations from what is shared.
     kept = sorted(kept, key=lambda k: -abs(unit[:, k] @ y))[: max(p // 2, 1)]
-    while kept:
-        d, sd = _refitted(unit, y, kept, seen, floor)
-        weakest = int(np.argmin(np.abs(d) / sd))
-        if abs(d[weakest]) >= stands_out * sd[weakest]:
-            break
-        kept.pop(weakest)
+    kept = _standing_out(unit, y, kept, seen, floor, stands_out)
+    # Of columns much alike the penalty takes any: exchange each for the one that explains most.
+    kept = _standing_out(unit, y, _exchanged(unit, y, kept), seen, floor, stands_out)
     for k in range(p):
         d, sd = _refitted(unit, y, [*(j for j in kept if j != k), k], seen, floor)
         least[heard[k]] = stands_out * sd[-1] / size[heard[k]]
@@ -140,6 +137,35 @@ def _refitted(
     d = inverse @ (A.T @ y)
     C = misfit_covariance(A / floor, (y - A @ d) / floor, seen.run, seen.instant, floor**2 * inverse)
     return d, np.sqrt(np.diag(C))
+
+
+def _standing_out(
+    unit: np.ndarray, y: np.ndarray, kept: list[int], seen: Linearised, floor: float, stands_out: float
+) -> list[int]:
+    """Drop the weakest deviation until each is this many of its standard deviations."""
+    kept = list(kept)
+    while kept:
+        d, sd = _refitted(unit, y, kept, seen, floor)
+        weakest = int(np.argmin(np.abs(d) / sd))
+        if abs(d[weakest]) >= stands_out * sd[weakest]:
+            break
+        kept.pop(weakest)
+    return kept
+
+
+def _exchanged(unit: np.ndarray, y: np.ndarray, kept: Sequence[int]) -> list[int]:
+    """As many columns, none of which another could replace and leave less."""
+    kept = list(kept)
+    least = _left(unit, y, kept)[0] if kept else 0.0
+    for _ in range(unit.shape[1]):
+        trials = [
+            [*kept[:i], j, *kept[i + 1 :]] for i in range(len(kept)) for j in range(unit.shape[1]) if j not in kept
+        ]
+        left = [_left(unit, y, trial)[0] for trial in trials]
+        if not left or min(left) >= least * (1.0 - 1e-9):
+            break
+        kept, least = trials[int(np.argmin(left))], min(left)
+    return kept
 
 
 def _as_good(unit: np.ndarray, y: np.ndarray, kept: Sequence[int], k: int, seen: Linearised, floor: float) -> list[int]:

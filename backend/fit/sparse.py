@@ -87,11 +87,14 @@ class Sparse:
             return
         if not self.settled:
             yield f"Which values deviate still changed after {ROUNDS} rounds: take the names as candidates."
+        candidates = self._candidates()
         for group in self.groups:
             rest = [i for i in group.members if i not in self.named.apart]
             shared = abs(float(solution.x[self._column(rest[0])]))
-            least = {i: self.named.least[self._candidates().index(i)] for i in rest}
-            blind = [self.full.parameters[i].on[0] for i in rest if not least[i] < 10.0 * shared]
+            least = {i: self.named.least[candidates.index(i)] for i in rest}
+            doubted = {candidates[c] for instead in self.named.instead.values() for c in instead}
+            unseen = [i for i in rest if not least[i] < 10.0 * shared and i not in doubted]
+            blind = [self.full.parameters[i].on[0] for i in unseen]
             if blind:
                 yield (
                     f"A {self.full.parameters[rest[0]].parameter} ten times that of the others would not show at "
