@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
@@ -205,10 +206,26 @@ def fit(
     optimiser: Annotated[
         Literal["lm", "lbfgsb"], typer.Option(help="Levenberg-Marquardt, or L-BFGS-B to compare.")
     ] = "lm",
+    loss: Annotated[
+        Literal["linear", "soft_l1", "huber", "student"], typer.Option(help="All but linear shrug off outliers.")
+    ] = "linear",
+    noise: Annotated[
+        Literal["white", "ar1"], typer.Option(help="ar1 where neighbouring samples share their error.")
+    ] = "white",
+    starts: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Further searches from scattered values; the likeliest end wins.")
+    ] = 0,
+    sparse: Annotated[
+        bool, typer.Option("--sparse", help="One value for all of KIND:*, but for the places found to deviate.")
+    ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the fit that was cut off in --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fit what the drawing leaves open to what was measured: fit.json and a page."""
+    """Fit what the drawing leaves open to what was measured: fit.json and a page.
+
+    Ctrl-C ends the search and writes what it reached. That, or a fit that was killed, goes on with --resume.
+    """
     specs = [spec.strip() for given in free for spec in given.split(",") if spec.strip()]
     with _answering(as_json) as answer:
         from backend.mechanism.read import read_study
@@ -217,16 +234,22 @@ def fit(
 
         loaded = read_study(study)
         folder = _folder(out, loaded.mechanism.name)
-        with _progress("reading the study") as advance:
+        with _progress("reading the study") as advance, _stoppable() as stopped:
+            from backend.fit.checkpoint import FILE
             from backend.fit.fit_study import fit_study
 
-            result = fit_study(loaded, specs, optimiser=optimiser, progress=advance)
+            kept = folder / FILE
+            result = fit_study(
+                loaded, specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, sparse=sparse,
+                checkpoint=kept, resume=resume, progress=advance, cancelled=stopped,
+            )  # fmt: skip
         written = result.write(folder)
         page = write_fit_page(fit_evidence(loaded, result), folder / "fit.html")
         text = f"{fit_text(result.report)}\nwrote     {written}\nopen      {page}"
         answer(result.report.model_dump(mode="json"), text)
         if not result.report.converged:
-            raise Failed(f"the fit did not converge: {result.report.message}")
+            more = " --resume goes on from there." if kept.exists() else ""
+            raise Failed(f"the fit did not converge: {result.report.message}{more}")
 
 
 @app.command()
@@ -372,6 +395,23 @@ def _progress(what: str) -> Iterator[Advance]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(what, total=None)
         yield lambda part, words="": bar.update(task, completed=part, total=1.0, description=words or what)
+
+
+@contextmanager
+def _stoppable() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed: the work ends at its next halt and is written; pressed again, it ends at once."""
+    pressed: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        pressed.append(number)
+        signal.signal(signal.SIGINT, before)
+        print("ending early; Ctrl-C again drops everything", file=sys.stderr)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(pressed)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _counting(advance: Advance) -> Callable[[int, int], None]:

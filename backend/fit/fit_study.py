@@ -6,29 +6,34 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import jax
 import numpy as np
 
 from backend.effects.shapes import AbstractJointClearance, AbstractLinkContact
+from backend.fit.alike import alike
+from backend.fit.checkpoint import Checkpoint, digest
 from backend.fit.free import free_parameters
 from backend.fit.identifiability import Profile, Uncertainty, assess, profile_interval
 from backend.fit.loss import LossName
+from backend.fit.pace import Pace, Progress
 from backend.fit.prediction import addresses_of
 from backend.fit.residual import Residuals
 from backend.fit.result import FitResult, Overlay, make_report, overlays_of
 from backend.fit.run import Run
+from backend.fit.search import PART, WHOLE, Search
 from backend.fit.secant import smoothed
-from backend.fit.solve import Iteration, Optimiser, Solution, solve
-from backend.fit.starts import best_of, scattered
+from backend.fit.solve import Optimiser, Solution
+from backend.fit.sparse import Sparse
+from backend.fit.starts import scattered
 from backend.mechanism.study import Study
 from backend.model.build import build
 from backend.model.model import Model
 
-Progress = Callable[[float, str], None]
 STEPS_PER_TIME = 50.0  # of sqrt(length / gravity): a pendulum's phase is then off by 2e-5 of what it turned
+START, PROFILE, OVERLAYS = 1.0, 12.0, 2.0  # what these usually cost, in iterations of the search
 POSE_MISS = 0.02  # rad, or mechanism lengths, beyond which no pose is said to explain the first samples
 
 
@@ -42,8 +47,11 @@ def fit_study(
     step_s: float | None = None,
     horizons: Sequence[float] = (0.1, 0.35),
     starts: int = 0,
+    sparse: bool = False,
     profiles: bool = True,
     max_iterations: int = 40,
+    checkpoint: Path | None = None,
+    resume: bool = False,
     progress: Progress | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> FitResult:
@@ -52,14 +60,18 @@ def fit_study(
     free: `KIND:ON[.PARAMETER]` (see `free`). loss: a robust one ignores outliers. noise: "ar1" when neighbouring
     samples share their error. step_s: of the simulation, by default from the sampling and the mechanism's size.
     horizons: fractions of the records to fit first, because long swings have local minima. starts: further
-    searches from scattered values. profiles: likelihood intervals. progress(fraction, words); cancelled() ends
-    the search early with `converged` false.
+    searches from scattered values. sparse: values of one kind, freed at three places or more, are one shared value
+    but for the places that stand out of the noise, which are named. profiles: likelihood intervals.
+
+    checkpoint: a file that keeps the search after every accepted step and goes when the fit is done; resume: go on
+    from it. progress(fraction, words); cancelled() ends the search early with `converged` false, and leaves the
+    checkpoint.
 
     Raises ValueError, naming the part and the remedy, for specs or experiments that cannot be fitted.
     """
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("A fit needs float64. Set JAX_ENABLE_X64=1 before JAX starts.")
-    began, tell = time.perf_counter(), progress or (lambda fraction, words: None)
+    began = time.perf_counter()
     freedom = free_parameters(study.mechanism, free, study.tolerances)
     if not freedom.parameters:
         raise ValueError(
@@ -71,48 +83,75 @@ def fit_study(
     model = build(study.mechanism, freedom.added)
     table, addresses = model.parameters, addresses_of(freedom.parameters)
     step = step_s or default_step(study, model)
-    tell(0.02, "finding where each experiment starts")
+    groups = alike(study.mechanism, freedom.parameters) if sparse else []
+    if sparse and not groups:
+        raise ValueError(
+            f"Nothing in {', '.join(free)} could be shared: a sparse fit needs values of one kind at three places or "
+            "more, each its own, as KIND:*."
+        )
+    searches = 1 + starts + 0.5 * sparse + 0.5 * (noise == "ar1")
+    seeking, few = PART * len(horizons) + WHOLE, len(freedom.parameters) - sum(len(g.members) - 1 for g in groups)
+    pace = Pace(
+        progress or (lambda fraction, words: None), START + searches * seeking + profiles * few * PROFILE + OVERLAYS
+    )
+    pace.enter(START, "finding where each experiment starts")
+    options = {
+        "optimiser": optimiser, "loss": loss, "noise": noise, "step_s": step, "horizons": list(horizons),
+        "starts": starts, "sparse": sparse, "max_iterations": max_iterations,
+    }  # fmt: skip
+    made_of = digest(study, free, options) if checkpoint else ""
+    kept = Checkpoint.resume(checkpoint, made_of) if checkpoint and resume else Checkpoint(checkpoint, made_of)
     runs = [Run.of(e, model, addresses, step) for e in study.fit]
     held_out = [Run.of(e, model, addresses, step) for e in study.held_out]
     scale = np.array([table[f.addresses[0]].natural for f in freedom.parameters])
     residuals = Residuals(freedom.parameters, scale, runs)
-    search = _Search(residuals, optimiser, loss, max_iterations, tell, cancelled)
-    start = residuals.start
-    if starts:
-        problem = residuals.problem()
-        moved = np.arange(start.size) < len(scale)
-        options = scattered(start, 0.1 * problem.scale, problem.lower, problem.upper, starts, list(moved))
-        solution, _ = best_of(lambda x: search.through(x, horizons), options)
-    else:
-        solution = search.through(start, horizons)
+    shared = Sparse(residuals, groups) if groups else None
+    residuals = shared.few if shared else residuals
+    search = Search(residuals, optimiser, loss, max_iterations, kept, pace, cancelled)
+    start, problem = residuals.start, residuals.problem()
+    moved = (np.arange(start.size) < len(residuals.parameters)).tolist()
+    begins = scattered(start, 0.1 * problem.scale, problem.lower, problem.upper, starts, moved)
+    solution = search.from_starts(begins, horizons)
+    if shared:
+        solution = shared.seek(search, solution)
+        residuals, held_out = shared.few, [shared.run(run) for run in held_out]
     if noise == "ar1" and solution.converged:
         residuals.learn_memory(solution.x)
         solution = search.at_full_length(solution.x)
-    p = len(scale)
     if solution.status == "disagree":
         solution = search.at_full_length(smoothed(residuals.problem(), solution).x)
-    if solution.status == "rough" or model.of(AbstractJointClearance) or model.of(AbstractLinkContact):
-        tell(0.68, "slopes over the distance that the data tell apart")
+    strikes = model.of(AbstractJointClearance) or model.of(AbstractLinkContact)
+    if solution.status == "rough" or (strikes and solution.converged):
+        pace.step("slopes over the distance that the data tell apart")
         solution = smoothed(residuals.problem(), solution)
-    rows = residuals.rows()
+    p, rows = len(residuals.parameters), residuals.rows()
     known = [True] * p + [False] * (solution.x.size - p)
     uncertainty = assess(
         residuals.names, solution, residuals.problem().scale, rows.run, rows.instant, known, residuals.spread
     )
     intervals: dict[str, Profile] = {}
-    if profiles and solution.converged:
-        intervals = _profiles(residuals, solution, uncertainty, p, tell, cancelled)
-    tell(0.92, "simulating every experiment before and after")
-    overlays = _overlays(residuals, held_out, solution)
+    complete = solution.status != "cancelled"
     warnings = [*uncertainty.warnings, *_misses([*runs, *held_out])]
     if not solution.converged:
         warnings.insert(0, solution.message)
+    if shared:
+        warnings += shared.sentences(solution)
+    if profiles and solution.converged:
+        intervals = _profiles(residuals, solution, uncertainty, p, pace, cancelled)
+        complete = len(intervals) == sum(np.isfinite(uncertainty.sd[:p]))
+        if not complete:
+            warnings.append("Cancelled before every profile was drawn: the search itself had converged.")
+    pace.enter(OVERLAYS, "simulating every experiment before and after")
+    overlays = _overlays(residuals, held_out, solution)
     report = make_report(
         residuals, solution, uncertainty, intervals, search.history, overlays,
-        time.perf_counter() - began, warnings,
+        time.perf_counter() - began, warnings, list(shared.deviations(solution, uncertainty)) if shared else (),
     )  # fmt: skip
-    tell(1.0, "done")
-    values = {f.name: float(v) for f, v in zip(freedom.parameters, solution.x[:p], strict=True)}
+    if complete:
+        kept.remove()
+    if progress:
+        progress(1.0, "done")
+    values = {f.name: float(v) for f, v in zip(residuals.parameters, solution.x[:p], strict=True)}
     return FitResult(report, tuple(overlays), values, residuals, solution, uncertainty, residuals.spread)
 
 
@@ -128,74 +167,22 @@ def default_step(study: Study, model: Model) -> float:
     return min(g for g in gaps if g > 0)
 
 
-class _Search:
-    """The stages of one fit, with one history."""
-
-    def __init__(self, residuals: Residuals, optimiser: Optimiser, loss: LossName, most: int, tell, cancelled):
-        self.residuals, self.most = residuals, most
-        self.optimiser: Optimiser = optimiser
-        self.loss: LossName = loss
-        self.tell, self.cancelled = tell, cancelled
-        self.history: list[Iteration] = []
-
-    def through(self, x: np.ndarray, horizons: Sequence[float]) -> Solution:
-        """Fit the first part of every record, then longer ones, then all."""
-        for stage, fraction in enumerate(horizons):
-            words = f"fitting the first {100 * fraction:.0f}%"
-            found = self._solve(x, fraction, 0.1 + 0.15 * stage / len(horizons), words, 12, 1e-3, anchor=x)
-            if found.status == "cancelled":
-                return self._reweighted(found)
-            x = found.x if np.isfinite(found.objective) else x
-        return self.at_full_length(x)
-
-    def at_full_length(self, x: np.ndarray) -> Solution:
-        """Fit whole records until the misfit that weighs them stops changing."""
-        found = None
-        for ftol in (1e-3, 1e-6, 1e-6, 1e-6):
-            found = self._solve(x, 1.0, 0.3, "fitting whole records", self.most, ftol)
-            x = found.x
-            if found.status in ("cancelled", "not_finite_at_start"):
-                break
-            weighed = self.residuals.spread
-            if abs(self.residuals.learn_spread(x) - weighed) < 0.02 * weighed and ftol < 1e-3:
-                break
-        return self._reweighted(found)
-
-    def _reweighted(self, found: Solution | None) -> Solution:
-        """The solution in the final weights, which differ by a few percent from those of its search."""
-        if found is None:
-            raise RuntimeError("no stage of the fit was run")
-        r, J = self.residuals.evaluate(found.x)
-        weights = found.weights if found.weights.size == r.size else np.ones_like(r)  # cancelled on a short horizon
-        return replace(found, residual=r, jacobian=J, weights=weights)
-
-    def _solve(
-        self, x: np.ndarray, fraction: float, done: float, words: str, most: int, ftol: float,
-        anchor: np.ndarray | None = None,
-    ) -> Solution:  # fmt: skip
-        self.residuals.learn_spread(x, fraction)
-
-        def advance(iteration: Iteration):
-            self.history.append(iteration)
-            self.tell(min(done + 0.02 * iteration.iteration, 0.7), f"{words}, iteration {iteration.iteration}")
-
-        return solve(
-            self.residuals.problem(fraction, anchor), x, optimiser=self.optimiser, loss=self.loss, max_iterations=most,
-            ftol=ftol, progress=advance, cancelled=self.cancelled,
-        )  # fmt: skip
-
-
-def _profiles(residuals: Residuals, solution: Solution, u: Uncertainty, p: int, tell, cancelled) -> dict[str, Profile]:
+def _profiles(
+    residuals: Residuals, solution: Solution, u: Uncertainty, p: int, pace: Pace, cancelled
+) -> dict[str, Profile]:
     problem = residuals.problem()
     found = {}
     for j in range(p):
         name = residuals.names[j]
-        tell(0.7 + 0.2 * j / p, f"profile of {name}")
+        pace.enter(PROFILE, f"profile of {name}")
         if np.isfinite(u.sd[j]):
-            found[name] = profile_interval(
+            profile = profile_interval(
                 problem, solution, j, u.covariance, float(u.noise_sd[j]), max_points=3, max_iterations=2,
                 cancelled=cancelled,
             )  # fmt: skip
+            if cancelled is not None and cancelled():
+                break  # its ends may not be where it stopped
+            found[name] = profile
     return found
 
 

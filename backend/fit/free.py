@@ -1,9 +1,9 @@
 """Which parameters a fit may change: `KIND:ON[.PARAMETER]`, read against a drawing.
 
-ON is an id (a joint, a body, a drawn effect, `world`, `camera`), `*` for every applicable place with a value of
-its own, `all` for one value shared by all of them, `a+b` for one shared by those. PARAMETER may be left out: every
-single-number parameter of the kind that suits the place is freed. An effect that the drawing lacks is added at its
-declared defaults, which mean "absent".
+ON is an id (a joint, a body, a drawn effect, `world`, `camera`), `*` for every applicable place with a value of its
+own, `all` for one value shared by all of them, `all-a+b` by all but those, `a+b` for one shared by those. PARAMETER may
+be left out: every single-number parameter of the kind that suits the place is freed. An effect that the drawing lacks
+is added at its declared defaults, which mean "absent".
 """
 
 from __future__ import annotations
@@ -101,11 +101,10 @@ class _Reader:
             raise ValueError(f"--free {spec}: no place is named. {GRAMMAR}.")
         try:
             if on == "*":
-                return [
-                    p for place in self.places(kind, "all", spec) for p in self.at(kind, (place,), place, parameter)
-                ]
-            if on == "all":
-                return self.at(kind, self.places(kind, "all", spec), "all", parameter)
+                places = self.everywhere(kind, parameter, spec)
+                return [p for place in places for p in self.at(kind, (place,), place, parameter)]
+            if on == "all" or (on.startswith("all-") and not self._is_id(on)):
+                return self.at(kind, self.everywhere(kind, parameter, spec, on[4:]), on, parameter)
             return self.at(kind, self.places(kind, tuple(on.split("+")), spec), on, parameter)
         except ValueError as error:
             raise ValueError(f"--free {spec}: {error}") from None
@@ -118,9 +117,21 @@ class _Reader:
         return rest, None
 
     def _is_place(self, text: str) -> bool:
+        return all(
+            self._is_id(part) or part in ("world", "camera", "*", "all")
+            for part in text.removeprefix("all-").split("+")
+        )
+
+    def _is_id(self, text: str) -> bool:
         m = self.mechanism
-        ids = {p.id for group in (m.joints, m.bodies, m.effects, m.markers) for p in group}
-        return all(part in ids | {"world", "camera", "*", "all"} for part in text.split("+"))
+        return any(p.id == text for group in (m.joints, m.bodies, m.effects, m.markers) for p in group)
+
+    def everywhere(self, kind: EffectKind, parameter: str | None, spec: str, but: str = "") -> tuple[str, ...]:
+        """All places of a kind that have the parameter, without those named `a+b`."""
+        out = self.places(kind, tuple(but.split("+")), spec) if but else ()
+        places = [p for p in self.places(kind, "all", spec) if p not in out]
+        having = tuple(p for p in places if parameter is None or self._has(kind, p, parameter))
+        return having or tuple(places)  # where none has it, the first one says what there is
 
     def places(self, kind: EffectKind, on: tuple[str, ...] | str, spec: str) -> tuple[str, ...]:
         """Ids where a kind may act; drawn effects of a kind that joins two bodies."""
@@ -159,15 +170,20 @@ class _Reader:
         return [self._parameter(kind, places, label, kind.parameters[n], a) for n, a in takers.items()]
 
     def _parameters(self, kind: EffectKind, place: str, parameter: str | None) -> list[ParameterSpec]:
-        joint = next((j for j in self.mechanism.joints if j.id == place), None)
-        suited = [s for s in kind.parameters.values() if joint is None or s.suits(joint.type)]
-        single = [s for s in suited if s.size == 1]
+        single = [s for s in self._suited(kind, place) if s.size == 1]
         if parameter is None:
             return [s for s in single if not s.by_name]
         if parameter not in {s.name for s in single}:
             what = "holds several numbers and" if parameter in kind.parameters else "is unknown there and"
             raise ValueError(f"parameter '{parameter}' {what} cannot be freed. {known(s.name for s in single)}")
         return [kind.parameters[parameter]]
+
+    def _has(self, kind: EffectKind, place: str, parameter: str) -> bool:
+        return any(s.name == parameter for s in self._suited(kind, place))
+
+    def _suited(self, kind: EffectKind, place: str) -> list[ParameterSpec]:
+        joint = next((j for j in self.mechanism.joints if j.id == place), None)
+        return [s for s in kind.parameters.values() if joint is None or s.suits(joint.type)]
 
     def _effect(self, kind: EffectKind, place: str) -> Effect:
         """The drawn effect that is, or acts at exactly, this place; otherwise a new one that does nothing yet."""

@@ -126,6 +126,7 @@ def make_report(
     overlays: Sequence[Overlay],
     wall_s: float,
     warnings: Sequence[str],
+    deviations: Sequence[fit_report.Deviation] = (),
 ) -> FitReport:
     """fit.json from what the fit left behind. Starts are marginalised: only parameters appear."""
     found = []
@@ -165,4 +166,5 @@ def make_report(
         residuals=tuple(r for r in rows if r.use == "fit"),
         held_out=tuple(r for r in rows if r.use == "held_out"),
         converged=solution.converged, wall_s=wall_s, message=solution.message, warnings=tuple(warnings),
+        deviations=tuple(deviations),
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import jax.numpy as jnp
@@ -23,7 +23,10 @@ CLOCK_ROOM = 1.3  # longer rollouts where the clock itself may be wrong
 
 @dataclass
 class Run:
-    """One experiment. Its own unknowns: `mobility` start coordinates, and as many rates if it starts moving."""
+    """One experiment. Its own unknowns: `mobility` start coordinates, and as many rates if it starts moving.
+
+    ties: from the values that are fitted to those at `addresses`, where some share one; None: they are the same.
+    """
 
     experiment: Experiment
     data: Measured
@@ -31,6 +34,7 @@ class Run:
     found: Found
     addresses: Addresses
     step_s: float
+    ties: Float[np.ndarray, "all few"] | None = None
     _last: tuple[np.ndarray, tuple[np.ndarray, np.ndarray]] | None = field(default=None, repr=False)
 
     @classmethod
@@ -107,18 +111,30 @@ class Run:
             jnp.asarray(column), jnp.asarray(self.found.turns), record, steps,
         )  # fmt: skip
 
+    def tied(self, ties: Float[np.ndarray, "all few"]) -> Run:
+        """The same experiment, and the same compiled program, for values of which some are shared."""
+        return replace(self, ties=ties, _last=None)
+
+    def every(self, values: Float[np.ndarray, " few"]) -> Float[np.ndarray, " all"]:
+        """The value at every address."""
+        return values if self.ties is None else self.ties @ values
+
     def predict(self, values: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Predicted samples and their derivative in (values, own); NaN from where the motion is lost."""
         rates = own[self.mobility :] if self.moving else np.zeros(self.mobility)
-        x = np.concatenate([values, own[: self.mobility], rates])
+        every = self.every(values)
+        x = np.concatenate([every, own[: self.mobility], rates])
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
-        directions = np.eye(len(values) + self.unknowns, x.size)
+        p = every.size
+        directions = np.eye(p + self.unknowns, x.size)
         seen, slope, lost = linearised(
             self.setting, self.addresses, self.step_s, jnp.asarray(x), jnp.asarray(directions)
         )
         n = self.data.time_s.size
-        made = np.where(np.asarray(lost[:n]), np.nan, np.asarray(seen[:n])), np.asarray(slope[:n])
+        J = np.asarray(slope[:n])
+        J = J if self.ties is None else np.concatenate([J[:, :p] @ self.ties, J[:, p:]], 1)
+        made = np.where(np.asarray(lost[:n]), np.nan, np.asarray(seen[:n])), J
         self._last = x, made
         return made
 

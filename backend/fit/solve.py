@@ -109,6 +109,14 @@ class _Cost:
         return 0.5 * float(cost.sum() + r[n:] @ r[n:]), np.concatenate([weight, np.ones(r.size - n)])
 
 
+def robust_weights(loss: LossName, r: Float[np.ndarray, " n"], data_rows: int) -> Float[np.ndarray, " n"]:
+    """Weights of a robust loss as wide as the bulk of these residuals; 1 for priors, and where r is not finite."""
+    if loss == "linear" or not np.all(np.isfinite(r)):
+        return np.ones_like(r)
+    _, weight = evaluate_loss(loss, r[:data_rows], max(bulk_spread(r[:data_rows]), 1.0))
+    return np.concatenate([weight, np.ones(r.size - data_rows)])
+
+
 def solve(
     problem: LeastSquares,
     start: Vector,

@@ -11,11 +11,23 @@ from backend.fit.solve import Solution
 
 
 def best_of(
-    run: Callable[[Float[np.ndarray, " p"]], Solution], starts: Sequence[Float[np.ndarray, " p"]]
+    run: Callable[[Float[np.ndarray, " p"]], Solution],
+    starts: Sequence[Float[np.ndarray, " p"]],
+    cost: Callable[[Solution], float] = lambda found: found.objective,
+    stop: Callable[[Solution], bool] = lambda found: False,
 ) -> tuple[Solution, list[Solution]]:
-    """The lowest objective among searches from several starts, and all of them in order."""
-    found = [run(s) for s in starts]
-    return min(found, key=lambda s: s.objective), found
+    """The search of lowest cost among those from several starts, and all of them in order.
+
+    cost is asked for once, right after each search; one that says stop is the last.
+    """
+    found: list[Solution] = []
+    costs: list[float] = []
+    for start in starts:
+        found.append(run(start))
+        costs.append(cost(found[-1]))
+        if stop(found[-1]):
+            break
+    return found[int(np.argmin(costs))], found
 
 
 def scattered(

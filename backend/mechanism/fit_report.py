@@ -70,6 +70,20 @@ class Residual(Part):
     count: int
 
 
+class Deviation(Part):
+    """A place whose value differs from the one its kind shares elsewhere, by `difference` in `unit`.
+
+    name, others: the parameters of the two. could_be: places that explain the data as well in its stead.
+    """
+
+    name: Id
+    others: Id
+    difference: float
+    sd: float | None = None
+    unit: str
+    could_be: Annotated[tuple[Id, ...], Field(strict=False)] = ()
+
+
 class FitReport(Part):
     """fit.json. `correlation` is a matrix in the order of `parameters`; null where not determined."""
 
@@ -82,6 +96,7 @@ class FitReport(Part):
     history: Annotated[tuple[Iteration, ...], Field(strict=False)] = ()
     residuals: Annotated[tuple[Residual, ...], Field(strict=False)] = ()
     held_out: Annotated[tuple[Residual, ...], Field(strict=False)] = ()
+    deviations: Annotated[tuple[Deviation, ...], Field(strict=False)] = ()
     converged: bool
     wall_s: Annotated[float, Field(ge=0.0)]
     message: str = ""

@@ -26,7 +26,8 @@ def fitted_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motio
     setting = run.setting
     own = residuals.own(x, index)
     rates = own[run.mobility :] if run.moving else np.zeros(run.mobility)
-    model = with_values(setting.model, run.addresses, jnp.asarray(x[: len(residuals.parameters)]))
+    values = run.every(x[: len(residuals.parameters)])
+    model = with_values(setting.model, run.addresses, jnp.asarray(values))
     plant = system(model)
     begin = start(
         plant, setting.reference, np.asarray(setting.motions), jnp.asarray(own[: run.mobility]), jnp.asarray(rates)

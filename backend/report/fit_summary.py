@@ -78,6 +78,13 @@ def fit_text(report: FitReport) -> str:
         interval = f"95% {shown(p.ci95[0], 4)} … {shown(p.ci95[1], 4)}" if p.ci95 else "not bounded by the data"
         bound = "  AT ITS BOUND" if p.at_bound else ""
         lines.append(f"  {p.name:<{width}}  {measured(p.value, p.sd):>10} {p.unit:<10} {interval}{bound}")
+    values = {p.name: p.value for p in report.parameters}
+    for d in report.deviations:
+        times = f" ({shown(values[d.name] / values[d.others], 3)} times)" if values[d.others] else ""
+        instead = f"; it could as well be {' or '.join(d.could_be)}" if d.could_be else ""
+        lines.append(
+            f"deviates  {d.name}: {measured(d.difference, d.sd)} {d.unit} more than the others{times}{instead}"
+        )
     for name, rows in (("fitted", report.residuals), ("held out", report.held_out)):
         for si in sorted({row.unit for row in rows}):
             unit, factor = at_the_bench(si)

@@ -1,6 +1,8 @@
 """The command line as a person meets it: help that is quick, answers that are clean, errors that are sentences."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -8,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from backend.cli import _folder
+from backend.cli import _folder, _stoppable
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("jax", "cadquery", "cv2", "av", "pandas", "matplotlib", "fastapi")
@@ -156,3 +158,15 @@ def test_a_step_of_zero_is_refused(drawing):
     done = linktwin("simulate", drawing, "--step", "0")
     assert done.returncode == 2
     assert "positive" in done.stderr
+
+
+def test_ctrl_c_asks_the_work_to_end_and_the_second_one_ends_it(capsys):
+    with _stoppable() as stopped:
+        assert not stopped()
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stopped()
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+    assert "ending early" in capsys.readouterr().err
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)

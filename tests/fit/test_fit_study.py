@@ -159,6 +159,72 @@ def test_a_cancelled_fit_says_so_and_does_not_pretend(study):
     assert "Cancelled" in result.report.message
 
 
+@pytest.fixture
+def counted(monkeypatch):
+    """How many times whole studies were simulated."""
+    from backend.fit.residual import Residuals
+
+    calls, evaluate = [], Residuals.evaluate
+    monkeypatch.setattr(Residuals, "evaluate", lambda *given: calls.append(0) or evaluate(*given))
+    return calls
+
+
+FREE = ["viscous_friction:j1", "camera_rotation"]
+
+
+@pytest.mark.parametrize("iteration", [4, 11])
+def test_a_fit_that_was_killed_goes_on_where_it_was(study, fitted, counted, tmp_path, iteration):
+    from backend.fit.fit_study import fit_study
+
+    kept, steps = tmp_path / "kept" / "fit.checkpoint.json", []
+
+    def die(fraction, words):
+        steps.extend(["iteration"] * ("iteration" in words))
+        if len(steps) == iteration:
+            raise MemoryError
+
+    with pytest.raises(MemoryError):
+        fit_study(study, FREE, profiles=False, checkpoint=kept, progress=die)
+    assert kept.is_file()
+    counted.clear()
+    resumed = fit_study(study, FREE, profiles=False, checkpoint=kept, resume=True)
+    rest = len(counted)
+    counted.clear()
+    whole = fit_study(study, FREE, profiles=False)
+    assert rest < len(counted)
+    assert resumed.report.converged
+    sd = fitted[0].uncertainty.sd[:3]
+    np.testing.assert_allclose(
+        resumed.solution.x[:3], whole.solution.x[:3], rtol=0, atol=2e-3 * sd.min()
+    )  # both stop where no step gains a millionth of the objective
+    assert len(resumed.report.history) >= iteration
+    assert not kept.exists()
+
+
+def test_a_checkpoint_serves_no_other_fit(study, tmp_path):
+    from dataclasses import replace
+
+    from backend.fit.fit_study import fit_study
+
+    kept = tmp_path / "fit.checkpoint.json"
+    with pytest.raises(ValueError, match="does not exist, so there is no fit to resume"):
+        fit_study(study, FREE, checkpoint=kept, resume=True)
+    assert not fit_study(study, FREE, checkpoint=kept, cancelled=lambda: True).report.converged
+    moved = study.experiments[0].tracks.assign(x_m=lambda table: table.x_m + 1e-9)
+    other = replace(study, experiments=(replace(study.experiments[0], tracks=moved), *study.experiments[1:]))
+    for changed, options in ((other, {}), (study, {"loss": "huber"}), (study, {"starts": 1})):
+        with pytest.raises(ValueError, match="belongs to another fit"):
+            fit_study(changed, FREE, checkpoint=kept, resume=True, **options)
+
+
+def test_the_best_of_several_starts_is_the_one_that_misses_least(study, fitted):
+    from backend.fit.fit_study import fit_study
+
+    result = fit_study(study, FREE, starts=2, profiles=False)
+    assert result.values[fitted[0].report.parameters[0].name] == pytest.approx(DAMPING, rel=0.05)
+    assert result.spread == pytest.approx(fitted[0].spread, rel=0.01)
+
+
 def test_a_tolerance_holds_a_mass_that_the_swing_cannot_tell(fitted):
     """Weight and inertia of the bob grow together, and the friction's share with them: the tolerance decides."""
     (mass,) = [p for p in fitted[0].report.parameters if p.kind == "mass_error"]

@@ -1,0 +1,116 @@
+"""The course of a fit: which part of the records is fitted when, in which weights, from which start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from backend.fit.checkpoint import Checkpoint
+from backend.fit.loss import LossName
+from backend.fit.pace import Pace
+from backend.fit.residual import Residuals
+from backend.fit.solve import Iteration, Optimiser, Solution, robust_weights, solve
+from backend.fit.starts import best_of
+
+FIRST_STEPS = 12  # spent on a part of the records at most: the whole of them decides
+PART, WHOLE = 4.0, 10.0  # iterations that a part of the records, or the whole of them, usually takes
+SETTLED = 0.02  # change of the misfit that weighs the samples, beyond which they are fitted again
+
+
+class Search:
+    """The stages of one fit, with one history; each is kept in the checkpoint as it goes.
+
+    residuals may be replaced between stages.
+    """
+
+    def __init__(
+        self, residuals: Residuals, optimiser: Optimiser, loss: LossName, max_iterations: int, kept: Checkpoint,
+        pace: Pace, cancelled: Callable[[], bool] | None,
+    ):  # fmt: skip
+        self.residuals, self.max_iterations, self.kept = residuals, max_iterations, kept
+        self.optimiser: Optimiser = optimiser
+        self.loss: LossName = loss
+        self.pace, self.cancelled = pace, cancelled
+        self.history: list[Iteration] = []
+
+    def from_starts(self, starts: Sequence[Float[np.ndarray, " x"]], horizons: Sequence[float]) -> Solution:
+        """The likeliest end of the searches from several starts, and the weights that belong to it."""
+        spread: dict[int, float] = {}
+
+        def likelihood(found: Solution) -> float:
+            spread[id(found)] = self.residuals.spread
+            # The misfit divides what it weighs, so an objective alone says nothing of how large it was.
+            motion = self.residuals.rows().motion
+            value = 0.5 * float(found.weights @ found.residual**2) + motion * np.log(self.residuals.spread)
+            return value if np.isfinite(value) else np.inf
+
+        def stop(found: Solution) -> bool:
+            return found.status == "cancelled"
+
+        best, ends = best_of(lambda x: self.through(x, horizons), starts, likelihood, stop)
+        self.residuals.spread = spread[id(best)]
+        return best if not stop(ends[-1]) else replace(best, status="cancelled", message=ends[-1].message)
+
+    def through(self, x: np.ndarray, horizons: Sequence[float]) -> Solution:
+        """Fit the first part of every record, then longer ones, then all."""
+        for fraction in horizons:
+            words = f"fitting the first {100 * fraction:.0f}%"
+            self.pace.enter(PART)
+            found = self._stage(x, fraction, words, FIRST_STEPS, 1e-3, anchor=x)
+            if found.status == "cancelled":
+                return self._reweighted(found)
+            x = found.x if np.isfinite(found.objective) else x
+        return self.at_full_length(x)
+
+    def at_full_length(self, x: np.ndarray, words: str = "fitting whole records") -> Solution:
+        """Fit whole records until the misfit that weighs them stops changing."""
+        found = None
+        self.pace.enter(WHOLE)
+        for ftol in (1e-3, 1e-6, 1e-6, 1e-6):
+            found = self._stage(x, 1.0, words, self.max_iterations, ftol)
+            x = found.x
+            if found.status in ("cancelled", "not_finite_at_start"):
+                break
+            weighed = self.residuals.spread
+            if abs(self.residuals.learn_spread(x) - weighed) < SETTLED * weighed and ftol < 1e-3:
+                break
+        return self._reweighted(found)
+
+    def _reweighted(self, found: Solution | None) -> Solution:
+        """The solution in the final weights, which differ by a few percent from those of its search."""
+        if found is None:
+            raise RuntimeError("no stage of the fit was run")
+        r, J = self.residuals.evaluate(found.x)
+        weights = robust_weights(self.loss, r, self.residuals.rows().motion)
+        return replace(found, residual=r, jacobian=J, weights=weights)
+
+    def _stage(
+        self, x: np.ndarray, fraction: float, words: str, most: int, ftol: float, anchor: np.ndarray | None = None
+    ) -> Solution:
+        stage = self.kept.known() or self.kept.begin(self.residuals.learn_spread(x, fraction))
+        self.residuals.spread = stage.spread
+        self.history += stage.history
+        if stage.end is not None:
+            return stage.end
+        done = len(stage.history)
+
+        def advance(iteration: Iteration):
+            if done and iteration.iteration == 0:
+                return  # where the search was cut off; kept already
+            step = stage.add(iteration)
+            self.history.append(step)
+            self.kept.write()
+            self.pace.step(f"{words}, iteration {step.iteration}")
+
+        found = solve(
+            self.residuals.problem(fraction, anchor), stage.history[-1].parameters if done else x,
+            optimiser=self.optimiser, loss=self.loss, max_iterations=max(most - max(done - 1, 0), 1), ftol=ftol,
+            progress=advance, cancelled=self.cancelled,
+        )  # fmt: skip
+        if found.status != "cancelled":  # which may go on later
+            stage.end = found
+            self.kept.write()
+        return found

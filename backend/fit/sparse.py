@@ -1,0 +1,139 @@
+"""A fit in which most places share a value: shared by all at first, then by all but those that stand out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from backend.fit.alike import Alike, tied
+from backend.fit.deviants import Deviants, deviants, projected
+from backend.fit.identifiability import Uncertainty
+from backend.fit.residual import Residuals
+from backend.fit.run import Run
+from backend.fit.search import Search
+from backend.fit.solve import Solution
+from backend.mechanism.fit_report import Deviation
+
+ROUNDS = 6  # of naming and fitting; names that still change then are said to
+
+
+@dataclass
+class Sparse:
+    """The same experiments with every value free (`full`) and with groups tied but for those apart (`few`)."""
+
+    full: Residuals
+    groups: Sequence[Alike]
+    few: Residuals = field(init=False)
+    matrix: Float[np.ndarray, "all few"] = field(init=False)
+    named: Deviants | None = None
+    settled: bool = True
+
+    def __post_init__(self):
+        self.tie(())
+
+    def tie(self, apart: Sequence[int]) -> None:
+        """Give these parameters values of their own, and all others of their groups a shared one."""
+        few, self.matrix = tied(self.full.parameters, self.groups, apart)
+        first = np.argmax(self.matrix, axis=0)
+        runs = [run.tied(self.matrix) for run in self.full.runs]
+        self.few = Residuals(few, self.full.scale[first], runs)
+
+    def seek(self, search: Search, solution: Solution) -> Solution:
+        """From the fit of shared values, name what deviates and fit again, until the names stay."""
+        apart: tuple[int, ...] = ()
+        for _ in range(ROUNDS):
+            self.named = self._name(solution)
+            self.settled = self.named.apart == apart
+            if self.settled or not solution.converged:
+                return solution
+            apart = self.named.apart
+            begin, history = self._full(solution.x), [self._full(step.parameters) for step in search.history]
+            spread, memory = self.few.spread, self.few.memory
+            self.tie(apart)
+            self.few.spread, self.few.memory = spread, memory
+            search.residuals = self.few
+            search.history[:] = [
+                replace(step, parameters=self._few(x)) for step, x in zip(search.history, history, strict=True)
+            ]
+            # A place that leaves the others begins at their value.
+            solution = search.at_full_length(self._few(begin), "fitting what deviates")
+        return solution
+
+    def run(self, run: Run) -> Run:
+        """An experiment that was not fitted, tied alike."""
+        return run.tied(self.matrix)
+
+    def deviations(self, solution: Solution, u: Uncertainty) -> Iterator[Deviation]:
+        """What deviates, by how much from the value that the others share, and where else it could be."""
+        if self.named is None:
+            return
+        places, candidates = self.full.parameters, self._candidates()
+        for i in self.named.apart:
+            j, k = self._column(i), self._column(self._mate(i))
+            variance = u.covariance[j, j] + u.covariance[k, k] - 2.0 * u.covariance[j, k]
+            known = not (u.unidentified[j] or u.unidentified[k])
+            yield Deviation(
+                name=self.few.names[j], others=self.few.names[k], difference=float(solution.x[j] - solution.x[k]),
+                sd=float(np.sqrt(variance)) if known else None, unit=places[i].unit,
+                could_be=tuple(places[candidates[c]].on[0] for c in self.named.instead[i]),
+            )  # fmt: skip
+
+    def sentences(self, solution: Solution) -> Iterator[str]:
+        """What a reader should know of the search for deviations besides what it found."""
+        if self.named is None:
+            return
+        if not self.settled:
+            yield f"Which values deviate still changed after {ROUNDS} rounds: take the names as candidates."
+        candidates = self._candidates()
+        for group in self.groups:
+            rest = [i for i in group.members if i not in self.named.apart]
+            shared = abs(float(solution.x[self._column(rest[0])]))
+            least = {i: self.named.least[candidates.index(i)] for i in rest}
+            doubted = {candidates[c] for instead in self.named.instead.values() for c in instead}
+            unseen = [i for i in rest if not least[i] < 10.0 * shared and i not in doubted]
+            blind = [self.full.parameters[i].on[0] for i in unseen]
+            if blind:
+                yield (
+                    f"A {self.full.parameters[rest[0]].parameter} ten times that of the others would not show at "
+                    f"{', '.join(blind)}: these data cannot tell whether it deviates there."
+                )
+
+    def _name(self, solution: Solution) -> Deviants:
+        self.full.spread, self.full.memory = self.few.spread, self.few.memory
+        x = self._full(solution.x)
+        r, J = self.full.evaluate(x)
+        root = np.sqrt(solution.weights)
+        r, J = root * r, root[:, None] * J
+        candidates = self._candidates()
+        shared = [J[:, list(group.members)].sum(1) for group in self.groups]
+        common = np.column_stack([*shared, np.delete(J, candidates, axis=1)])
+        value = np.array([float(solution.x[self._column(self._mate(i))]) for i in candidates])
+        rows = self.full.rows()
+        found = deviants(projected(r, J[:, candidates], common, x[candidates] - value, rows.run, rows.instant),
+                         1.0 / self.full.spread)  # fmt: skip
+        return Deviants(
+            tuple(candidates[c] for c in found.apart), {candidates[c]: v for c, v in found.instead.items()}, found.least
+        )
+
+    def _candidates(self) -> list[int]:
+        return [i for group in self.groups for i in group.members]
+
+    def _mate(self, i: int) -> int:
+        """A parameter that holds the shared value of i's group."""
+        group = next(g for g in self.groups if i in g.members)
+        return max(group.members, key=lambda k: self.matrix[:, self._column(k)].sum())
+
+    def _column(self, i: int) -> int:
+        return int(np.argmax(self.matrix[i]))
+
+    def _full(self, x: np.ndarray) -> np.ndarray:
+        few = len(self.few.parameters)
+        return np.concatenate([self.matrix @ x[:few], x[few:]])
+
+    def _few(self, x: np.ndarray) -> np.ndarray:
+        """Shared values are the median of what is tied."""
+        p = len(self.full.parameters)
+        return np.concatenate([[np.median(x[:p][column > 0]) for column in self.matrix.T], x[p:]])

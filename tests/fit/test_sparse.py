@@ -1,0 +1,121 @@
+"""One bad joint among the pins of a scissor, and none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from backend.mechanism.study import Experiment, Release, Study
+from tests.mechanisms import Z, bar, drawing, effect
+
+CELLS, DAMPING, TIMES, BAD = 5, 1e-3, 5.0, "mid2"  # pins: viscous friction [N m s/rad]
+STEP_S, SIGMA_RAD = 2e-3, 1e-5  # encoders of 19 bits
+STILL, SAMPLES = 10, 200
+
+
+def uneven_scissor(damping):
+    """Crossed bars hinged to the ground at one corner, pins off their middles: no two pins turn alike.
+
+    In a regular scissor all pins turn by the same angle, and no motion tells whose friction it is that slows it.
+    """
+    rng = np.random.default_rng(5)
+    low, top = np.array([0.0, -0.06, 0.0]), np.array([0.0, 0.06, 0.0])
+    bars, pins, bottom, ceiling = [], [], "ground", ""
+    for i in range(CELLS):
+        before_a, before_b, after_a, after_b = 0.1 + 0.03 * rng.uniform(-1, 1, 4)
+        gap = np.linalg.norm(top - low)
+        down = (top - low) / gap
+        along = (gap**2 + before_a**2 - before_b**2) / (2 * gap)
+        cross = low + along * down + np.sqrt(before_a**2 - along**2) * np.array([down[1], -down[0], 0.0])
+        end_a = cross + (cross - low) * after_a / before_a
+        end_b = cross + (cross - top) * after_b / before_b
+        bars += [bar(f"a{i}", low, end_a, 0.05), bar(f"b{i}", top, end_b, 0.05)]
+        pins += [(f"mid{i}", f"a{i}", f"b{i}", cross), (f"low{i}", bottom, f"a{i}", low)]
+        pins += [(f"top{i}", ceiling, f"b{i}", top)] if ceiling else []
+        low, top, bottom, ceiling = end_b, end_a, f"b{i}", f"a{i}"
+    spring = effect(
+        "spring", "extension_spring", ["a0", "b0"], anchor_a_m=[0, 0, 0], anchor_b_m=[0, 0, 0],
+        stiffness_n_per_m=60.0, free_length_m=0.06,
+    )  # fmt: skip
+    drag = [effect(f"v_{id}", "viscous_friction", [id], damping_n_m_s_per_rad=damping) for id, *_ in pins]
+    joints = [(id, "revolute", a, b, point, Z) for id, a, b, point in pins]
+    return drawing("uneven scissor", bars, joints, [spring, *drag])
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """A study of encoders at every pin, from damping by pin: our own motion, since names are at stake, not physics."""
+    from backend.fit.free import free_parameters
+    from backend.fit.prediction import addresses_of
+    from backend.fit.run import Run
+    from backend.model.build import build
+
+    drawn = uneven_scissor(2 * DAMPING)
+    freedom = free_parameters(drawn, ["viscous_friction:*"])
+    time = STEP_S * np.arange(STILL + SAMPLES)
+    rows = [pd.DataFrame({"time_s": time, "joint": j.id, "q": 0.0, "sigma": SIGMA_RAD}) for j in drawn.joints]
+    blank = Experiment("e", "fit", Release(time_s=STEP_S * STILL), joint_positions=pd.concat(rows, ignore_index=True))
+    run = Run.of(blank, build(drawn, freedom.added), addresses_of(freedom.parameters), STEP_S)
+    order = np.lexsort((run.data.time_s, run.data.channel))
+    at = np.array([c.at.removeprefix("joint:") for c in run.data.channels])[run.data.channel]
+
+    def study(seed, **bad):
+        truth = np.array([DAMPING * bad.get(f.on[0], 1.0) for f in freedom.parameters])
+        clean, _ = run.predict(truth, run.start)
+        q = clean + SIGMA_RAD * np.random.default_rng(seed).standard_normal(clean.size)
+        table = pd.DataFrame({"time_s": run.data.time_s, "joint": at, "q": q, "sigma": SIGMA_RAD}).iloc[order]
+        return Study(drawn, (replace(blank, joint_positions=table.reset_index(drop=True)),))
+
+    return study
+
+
+def fitted(study):
+    from backend.fit.fit_study import fit_study
+
+    return fit_study(study, ["viscous_friction:*"], sparse=True, profiles=False, step_s=STEP_S)
+
+
+@pytest.fixture(scope="module")
+def with_a_bad_pin(seen):
+    return fitted(seen(1, **{BAD: TIMES}))
+
+
+def test_one_bad_pin_is_named_alone_and_measured(with_a_bad_pin):
+    report = with_a_bad_pin.report
+    (found,) = report.deviations
+    assert found.name == f"viscous_friction:{BAD}.damping_n_m_s_per_rad"
+    assert found.others == f"viscous_friction:all-{BAD}.damping_n_m_s_per_rad"
+    assert found.could_be == ()
+    for p in report.parameters:
+        truth = DAMPING * (TIMES if p.name == found.name else 1.0)
+        assert abs(p.value - truth) < 3.5 * p.sd  # one seed, two values: 0.1% to fail by chance
+        assert p.sd < 0.05 * truth
+    assert found.difference == pytest.approx((TIMES - 1) * DAMPING, abs=3.5 * found.sd)
+    assert report.converged
+
+
+def test_where_all_pins_are_alike_none_is_named(seen):
+    report = fitted(seen(2)).report
+    assert report.deviations == ()
+    (shared,) = report.parameters
+    assert shared.on == "all"
+    assert abs(shared.value - DAMPING) < 3.5 * shared.sd
+
+
+def test_what_was_found_is_said_and_can_be_handed_on(with_a_bad_pin):
+    from backend.export.fitted import fitted as twin
+    from backend.report.fit_summary import fit_text
+
+    assert f"viscous_friction:{BAD}.damping_n_m_s_per_rad: 0.00" in fit_text(with_a_bad_pin.report)
+    drawn = twin(uneven_scissor(2 * DAMPING), with_a_bad_pin.report)
+    values = {e.on[0]: e.parameters["damping_n_m_s_per_rad"] for e in drawn.effects if e.kind == "viscous_friction"}
+    assert values.pop(BAD) == pytest.approx(TIMES * DAMPING, rel=0.1)
+    assert set(values.values()) == {with_a_bad_pin.report.parameters[0].value}
+
+
+def test_nothing_to_share_is_refused(seen):
+    from backend.fit.fit_study import fit_study
+
+    with pytest.raises(ValueError, match="could be shared: a sparse fit needs values of one kind at three places"):
+        fit_study(seen(1), ["viscous_friction:mid0,viscous_friction:mid1"], sparse=True)
