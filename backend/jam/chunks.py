@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 
 import jax
 import numpy as np
@@ -92,9 +93,16 @@ def _spread(address: str, job: Job, samples: np.ndarray, places: list[slice]) ->
         def ask(number: int):
             return client.submit(_asked, job, number, samples[places[number]], key=f"jam-{content}-{number}")
 
-        waiting = iter(range(len(places)))
-        room = IN_FLIGHT * max(len(client.scheduler_info(n_workers=-1)["workers"]), 1)
-        flying = as_completed([ask(number) for number, _ in zip(waiting, range(room), strict=False)])
+        def room() -> int:
+            workers = max(len(client.scheduler_info(n_workers=-1)["workers"]), 1)  # some may join or leave
+            return max(IN_FLIGHT * workers - flying.count(), 0)
+
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE_S)
+        except TimeoutError:
+            raise ValueError(f"the scheduler at {SCHEDULER}={address} has no workers; start one, or unset it") from None
+        waiting, flying = iter(range(len(places))), as_completed(loop=client.loop)
+        flying.update([ask(number) for number in islice(waiting, room())])
         for future in flying:
             try:
                 number, seen = future.result()
@@ -103,9 +111,7 @@ def _spread(address: str, job: Job, samples: np.ndarray, places: list[slice]) ->
                     f"a chunk of {job.chunk} samples took several workers along ({error}); give them more memory"
                 ) from None
             yield places[number], seen
-            for follower in waiting:
-                flying.add(ask(follower))
-                break
+            flying.update([ask(number) for number in islice(waiting, room())])
 
 
 def _asked(job: Job, number: int, samples: np.ndarray) -> tuple[int, Verdicts]:

@@ -133,7 +133,7 @@ def _cut(spec: str, parameter: FreeParameter, whole: Any) -> Truncated:
     cut = Truncated(whole, parameter.lower, parameter.upper)
     if cut.within < LEAST_WITHIN:
         raise ValueError(
-            f"--vary {spec}: {parameter.name} is from {parameter.lower:g} to {parameter.upper:g} {parameter.unit}, where "
-            f"{100 * cut.within:.2g}% of that distribution is. Give it in SI units and within these bounds."
+            f"--vary {spec}: {parameter.name} is from {parameter.lower:g} to {parameter.upper:g} {parameter.unit}, "
+            f"where {100 * cut.within:.2g}% of that distribution is. Give it in SI units, within these bounds."
         )
     return cut

@@ -50,7 +50,7 @@ def share_bars(parameters: Sequence[VariedParameter]) -> Markup:
         element("span", "first order: alone", class_="key c1 line"),
         class_="legend",
     )
-    note = "Share in the variance of jammed or free; thin lines: 95%. Where it is 0, a closer tolerance would change nothing."
+    note = "Share in the variance of jammed or free; thin lines: 95%. At 0, a closer tolerance would change nothing."
     caption = element("figcaption", element("b", "What decides whether it jams"), legend)
     return element("figure", caption, drawing, element("p", note, class_="note"), class_="wide")
 
