@@ -15,6 +15,7 @@ from backend.report.share_bars import share_bars
 
 MOST_CURVES = 4
 FEWEST_IN_BIN = 12
+LETTERS = 32  # that an upright axis has room for
 
 
 def write_ensemble_page(report: EnsembleReport, path: str | Path) -> Path:
@@ -28,8 +29,10 @@ def write_ensemble_page(report: EnsembleReport, path: str | Path) -> Path:
         cautions=report.warnings,
         key_figures=key_figures(report),
         bars=share_bars([report.parameters[k] for k in order]),
-        scatter=[scatter(report, order[0], order[1])] if len(order) > 1 else [],
-        curves=[share_jammed(report, k) for k in order[:MOST_CURVES]],
+        tolerances=[
+            *([scatter(report, order[0], order[1])] if len(order) > 1 else []),
+            *(share_jammed(report, k) for k in order[:MOST_CURVES]),
+        ],
         report=report,
         order=order,
     )
@@ -97,5 +100,8 @@ def _values(report: EnsembleReport, of: int) -> np.ndarray:
 
 
 def _label(report: EnsembleReport, of: int) -> str:
+    """Place and parameter, short enough for the upright axis; the table has the whole name."""
     unit, _ = at_the_bench(report.parameters[of].unit)
-    return report.parameters[of].name + ("" if unit == "1" else f" [{unit}]")
+    ending = "" if unit == "1" else f" [{unit}]"
+    name, room = report.parameters[of].name.partition(":")[2], LETTERS - len(ending)
+    return (name if len(name) <= room else name[: room - 1] + "…") + ending
