@@ -25,6 +25,7 @@ from backend.mechanism.mechanism import Mechanism
 MOST_SAMPLES = 10_000_000  # whose table of a hundred parameters still fits into memory
 MOST_SHOWN = 2000  # dots that a picture can part
 MUCH_CUT = 0.02  # of a distribution: beyond, what was asked for is not what was sampled
+MOST_NAMED = 3  # parameters in the sentence
 MUCH_LOST = 0.01  # of the samples
 
 
@@ -171,9 +172,12 @@ def _sentence(probability: float, ci95: tuple[float, float], known: int, paramet
     ranked = sorted((p for p in parameters if p.total), key=lambda p: -p.total.value if p.total else 0.0)
     if not ranked:
         return f"{said}, from {known} samples."
-    strongest = ranked[0]
-    share = strongest.total.value if strongest.total else 0.0
-    return f"{said}; {strongest.name} has most to do with it (total share {share:.2f})."
+    share = ranked[0].total.value if ranked[0].total else 0.0
+    # Those whose interval reaches the greatest share may be the strongest as well.
+    alike = [p.name for p in ranked if p.total and p.total.ci95[1] >= share][:MOST_NAMED]
+    if len(alike) == 1:
+        return f"{said}; {alike[0]} has most to do with it (total share {share:.2f})."
+    return f"{said}; most to do with it have {' and '.join(alike)}, which the samples do not tell apart."
 
 
 def _percent(share: float) -> str:
