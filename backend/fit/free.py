@@ -60,9 +60,14 @@ class Freedom:
     added: tuple[Effect, ...]
 
 
-def free_parameters(mechanism: Mechanism, specs: Iterable[str], tolerances: Sequence[Tolerance] = ()) -> Freedom:
-    """Read specs (each may hold several, comma separated) and tolerances; ValueError with the remedy otherwise."""
-    reader = _Reader(mechanism)
+def free_parameters(
+    mechanism: Mechanism, specs: Iterable[str], tolerances: Sequence[Tolerance] = (), option: str = "--free"
+) -> Freedom:
+    """Read specs (each may hold several, comma separated) and tolerances; ValueError with the remedy otherwise.
+
+    option: what the specs were given as, for the sentences.
+    """
+    reader = _Reader(mechanism, option)
     found: dict[str, FreeParameter] = {}
     for spec in (s.strip() for given in specs for s in given.split(",")):
         if spec:
@@ -84,8 +89,9 @@ def free_parameters(mechanism: Mechanism, specs: Iterable[str], tolerances: Sequ
 
 
 class _Reader:
-    def __init__(self, mechanism: Mechanism):
+    def __init__(self, mechanism: Mechanism, option: str):
         self.mechanism = mechanism
+        self.option = option
         self.added: dict[str, Effect] = {}
 
     def read(self, spec: str) -> list[FreeParameter]:
@@ -93,12 +99,12 @@ class _Reader:
         try:
             kind = kind_named(kind_name)
         except ValueError as error:
-            raise ValueError(f"--free {spec}: {str(error).rstrip('.')}. {GRAMMAR}.") from None
+            raise ValueError(f"{self.option} {spec}: {str(error).rstrip('.')}. {GRAMMAR}.") from None
         if not colon and kind.acts_on in ("world", "camera"):
             rest = kind.acts_on
         on, parameter = self._split(rest, kind)
         if not on:
-            raise ValueError(f"--free {spec}: no place is named. {GRAMMAR}.")
+            raise ValueError(f"{self.option} {spec}: no place is named. {GRAMMAR}.")
         try:
             if on == "*":
                 places = self.everywhere(kind, parameter, spec)
@@ -107,7 +113,7 @@ class _Reader:
                 return self.at(kind, self.everywhere(kind, parameter, spec, on[4:]), on, parameter)
             return self.at(kind, self.places(kind, tuple(on.split("+")), spec), on, parameter)
         except ValueError as error:
-            raise ValueError(f"--free {spec}: {error}") from None
+            raise ValueError(f"{self.option} {spec}: {error}") from None
 
     def _split(self, rest: str, kind: EffectKind) -> tuple[str, str | None]:
         """ON and PARAMETER; an id may hold dots, so only a known parameter name is split off."""

@@ -19,10 +19,12 @@ from backend.jam.knobs import frictions, plays
 from backend.jam.scene import FLOWS, FREED
 from backend.jam.stuck import AT_REST, FEWEST, SHORTEST_S, STANDSTILL, creep
 from backend.model.model import Address, Model
-from backend.model.state import Start, drawn_pose
+from backend.model.state import Pose, Start, drawn_pose
 from backend.model.system import System, system
+from backend.simulate import kinematics
 from backend.simulate.assemble import closed
 from backend.simulate.rollout import Trajectory, rollout
+from backend.simulate.run import OPEN_JOINT
 from backend.simulate.spectrum import real
 
 WATCHED = 250  # steps for which the ideal copy is followed
@@ -33,7 +35,7 @@ CHUNK = 64  # samples that move together
 class Verdicts:
     """What came of each sample.  onset_s: since when it rests, NaN where it moves to the end.
 
-    lost: a step could not be solved; such a sample is neither jammed nor free.
+    lost: its loops could not be closed or a step could not be solved; such a sample is neither jammed nor free.
     """
 
     jammed: Bool[np.ndarray, "samples"]
@@ -93,7 +95,8 @@ def _one(
     own = model.with_parameters({address: values[k] for k, address in enumerate(addresses)})
     still = jnp.zeros((model.topology.slots, 6))
     plant = system(own)
-    path = rollout(plant, Start(closed(plant, drawn_pose(own, plant)), still), step_s, steps, None, HALVINGS)
+    pose = closed(plant, drawn_pose(own, plant))
+    path = rollout(plant, Start(pose, still), step_s, steps, None, HALVINGS)
     rates, nodes = creep(plant, path.rate, path.velocity), jnp.arange(steps + 1)
 
     def first_below(bound: Array | float) -> Array:
@@ -107,8 +110,16 @@ def _one(
     copy = system(bare)
     here = jax.tree.map(lambda leaf: leaf[-1], path.pose)
     away = rollout(copy, Start(closed(copy, here), still), step_s, WATCHED, None, HALVINGS)
-    lost = path.lost[-1]
+    lost = path.lost[-1] | ~_meets(plant, pose)
     return _Seen(rests & _moves(copy, away) & ~lost, rests & ~lost, onset, lost)
+
+
+def _meets(plant: System, pose: Pose) -> Array:
+    """Whether every joint is closed: lengths of a sample may leave a loop open."""
+    value = kinematics.rows(plant, kinematics.bodies(plant, pose)).value
+    unit = jnp.array([1 / plant.scale.length_m] * 3 + [1.0] * 3)
+    held = plant.held_rows & ~plant.coordinate_rows
+    return jnp.max(jnp.where(held, jnp.abs(value) * unit, 0.0), initial=0.0) < OPEN_JOINT
 
 
 def _moves(plant: System, path: Trajectory) -> Array:

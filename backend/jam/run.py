@@ -59,7 +59,7 @@ def jam(
 
     Raises ValueError for a duration or step that is not positive, and where loops cannot be closed.
     """
-    steps = _steps(duration_s, step_s)
+    steps = steps_of(duration_s, step_s)
     model = build(mechanism)
     pose = assembled(model, plant_of(model))
     start = Start(pose, jnp.zeros((model.topology.slots, 6)))
@@ -78,7 +78,7 @@ def jam_study(
         values = {(e, p): jnp.asarray(v) for e, given in experiment.overrides.items() for p, v in given.items()}
         own = model.with_parameters(values)
         data = measured(experiment, own)
-        steps = _steps(duration_s or float(data.time_s.max() - data.release_s), step_s)
+        steps = steps_of(duration_s or float(data.time_s.max() - data.release_s), step_s)
         try:
             begin = find_start(own, data, experiment.release)
         except ValueError as error:
@@ -223,7 +223,8 @@ def _vectors(values: np.ndarray) -> tuple[tuple[float, float, float], ...]:
     return tuple((_numbers(row)) for row in values)  # type: ignore[misc]
 
 
-def _steps(duration_s: float, step_s: float) -> int:
+def steps_of(duration_s: float, step_s: float) -> int:
+    """How many steps a duration has.  Raises ValueError where either is not positive, and for none or too many."""
     for name, value in (("duration", duration_s), ("step", step_s)):
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value:g} s; give a positive number of seconds")

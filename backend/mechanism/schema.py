@@ -5,12 +5,19 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from backend.mechanism.ensemble_report import EnsembleReport
 from backend.mechanism.fit_report import FitReport
 from backend.mechanism.jam_report import JamReport
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import StudyFile
 
-FORMATS = {"mechanism": Mechanism, "study": StudyFile, "fit": FitReport, "jam": JamReport}
+FORMATS = {
+    "mechanism": Mechanism,
+    "study": StudyFile,
+    "fit": FitReport,
+    "jam": JamReport,
+    "jam_ensemble": EnsembleReport,
+}
 FOLDER = Path(__file__).parents[2] / "docs" / "schema"
 
 

@@ -18,13 +18,14 @@ WIDTH, HEIGHT = 520, 250
 LEFT, RIGHT, TOP, BOTTOM = 66, 10, 12, 40
 COLUMNS = WIDTH - LEFT - RIGHT
 
-Style = Literal["line", "dashed", "points"]
+Style = Literal["line", "dashed", "points", "cloud"]
 
 
 @dataclass(frozen=True)
 class Series:
-    """One curve. tone: which colour of the page (`measured`, `before`, `after`, or `c0` to `c7`).
+    """One curve, or a cloud: points in no order, of which none is left out.
 
+    tone: which colour of the page (`measured`, `before`, `after`, or `c0` to `c7`).
     framed: whether the axes make room for all of it; a drawing without friction may run far off the paper.
     """
 
@@ -189,12 +190,13 @@ def _inside(*drawn: Markup) -> Markup:
 
 
 def _curve(axes: _Axes, series: Series) -> Markup:
-    if series.style == "points":
-        keep = slice(None, None, math.ceil(len(series.x) / (COLUMNS / 2)) or 1)  # else dots hide the curve
+    if series.style in ("points", "cloud"):
+        sparse = math.ceil(len(series.x) / (COLUMNS / 2)) or 1  # else dots hide the curve
+        keep = slice(None, None, 1 if series.style == "cloud" else sparse)
         px, py = axes.px(series.x[keep]), axes.py(series.y[keep])
         good = np.isfinite(px) & np.isfinite(py)
         dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in zip(px[good], py[good], strict=True))
-        return element("path", class_=f"points {series.tone}", d=dots)
+        return element("path", class_=f"{series.style} {series.tone}", d=dots)
     x, y = thinned(series.x, series.y)
     return element("path", class_=f"{series.style} {series.tone}", d=path(axes.px(x), axes.py(y)))
 

@@ -1,10 +1,15 @@
 """Many samples at once are judged as each alone is."""
 
+import equinox as eqx
 import numpy as np
 import pytest
 
-from backend.jam.batch import verdicts
+from backend.jam.batch import _meets, verdicts
+from backend.jam.follow import plant_of
+from backend.mechanism.effect import Effect
 from backend.model.build import build
+from backend.model.state import drawn_pose
+from backend.simulate.assemble import closed
 from tests.jam import cases
 
 TORQUE, DRY = ("drive", "torque_n_m"), ("dry", "friction_torque_n_m")
@@ -26,3 +31,13 @@ def test_a_drive_is_held_by_friction_above_it_and_by_none_below():
 def test_samples_of_another_width_are_refused():
     with pytest.raises(ValueError, match="one column for each of 2"):
         next(verdicts(build(cases.weak_drive(0.01)), [TORQUE, DRY], np.zeros((3, 1))))
+
+
+@pytest.mark.parametrize(("shorter", "closes"), [(0.05, True), (0.89, False)])
+def test_a_sample_whose_loop_cannot_close_is_told_as_lost(shorter, closes):
+    """Crank 0.1, rocker 0.2 and ground 0.32 m: a coupler of 0.15 m less 89% cannot span what is left."""
+    model = build(
+        cases.toggle(), [Effect(id="cut", kind="length_error", on=("coupler",), parameters={"relative": -shorter})]
+    )
+    plant = plant_of(model)
+    assert bool(_meets(plant, eqx.filter_jit(closed)(plant, drawn_pose(model, plant)))) == closes
