@@ -108,9 +108,7 @@ def scissor_spec(
         b = bar(a, f"b{i}", (0.0, 0.0), -2 * angle_rad, f"mid{i}", 0.0)
         close(f"top{i - 1}", f"a{i - 1}", f"b{i}", half, [f"mid{i - 1}", f"low{i - 1}", f"mid{i}"])
     for pin in seen:
-        spec.add_sensor(
-            name=pin, type=mujoco.mjtSensor.mjSENS_JOINTPOS, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=pin
-        )
+        spec.add_sensor(name=pin, type=mujoco.mjtSensor.mjSENS_JOINTPOS, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=pin)
     return spec
 
 
