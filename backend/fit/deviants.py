@@ -87,7 +87,7 @@ def deviants(seen: Linearised, floor: float) -> Deviants:
     # Of columns much alike the penalty takes any: exchange each for the one that explains most.
     kept = _standing_out(unit, y, _exchanged(unit, y, kept), seen, floor, stands_out)
     for k in range(p):
-        d, sd = _refitted(unit, y, [*(j for j in kept if j != k), k], seen, floor)
+        _, sd = _refitted(unit, y, [*(j for j in kept if j != k), k], seen, floor)
         least[heard[k]] = stands_out * sd[-1] / size[heard[k]]
     instead = {int(heard[k]): tuple(int(heard[j]) for j in _as_good(unit, y, kept, k, seen, floor)) for k in kept}
     return Deviants(tuple(sorted(instead)), instead, least)
