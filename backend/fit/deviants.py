@@ -23,19 +23,26 @@ from backend.fit.misfit import misfit_covariance
 
 FALSE_NAMES = 0.01  # fits without any deviation that name one
 ELSEWHERE = float(chi2.ppf(0.99, 1))  # deviance by which another place must be worse to be ruled out
-SEEN = 1e-6  # share of a column that is left when what is common to all is taken away; less is rounding
+TIE = 1.0  # of deviance, for which no other names are tried
+SEEN = 1e-4  # share of a column that is left when what is common to all is taken away; less is the solver's noise
+ROOM = 0.5  # of the shared value, by which a linear estimate may lie beyond a bound that the value itself keeps
 
 
 @dataclass(frozen=True)
 class Linearised:
     """Whitened residuals and the columns of p deviations, all else projected out; run, instant as in `misfit`.
 
-    known: deviations at which r was taken.
+    known: deviations at which r was taken, values: the values there; moves: how all values move with each deviation,
+    since what is shared gives way. lower, upper: of the values.
     """
 
     r: Float[np.ndarray, " n"]
     X: Float[np.ndarray, "n p"]
     known: Float[np.ndarray, " p"]
+    values: Float[np.ndarray, " p"]
+    moves: Float[np.ndarray, "p p"]
+    lower: Float[np.ndarray, " p"]
+    upper: Float[np.ndarray, " p"]
     run: Int[np.ndarray, " n"]
     instant: Int[np.ndarray, " n"]
 
@@ -43,6 +50,12 @@ class Linearised:
     def y(self) -> Float[np.ndarray, " n"]:
         """What the deviations have to explain."""
         return self.X @ self.known - self.r
+
+    def possible(self, d: Float[np.ndarray, " p"]) -> bool:
+        """Whether these deviations leave every value within its bounds, as far as a linear estimate can say."""
+        then = self.values + self.moves @ (d - self.known)
+        room = ROOM * np.abs(self.values - self.known)
+        return bool(np.all(then >= self.lower - room) and np.all(then <= self.upper + room))
 
 
 @dataclass(frozen=True)
@@ -57,40 +70,125 @@ class Deviants:
 def projected(
     r: Float[np.ndarray, " n"],
     deviations: Float[np.ndarray, "n p"],
-    common: Float[np.ndarray, "n c"],
+    group: Int[np.ndarray, " p"],
+    others: Float[np.ndarray, "n c"],
     known: Float[np.ndarray, " p"],
+    values: Float[np.ndarray, " p"],
+    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
     run: Int[np.ndarray, " n"],
     instant: Int[np.ndarray, " n"],
 ) -> Linearised:
-    """Take what the common columns can explain out of residuals and deviations."""
+    """Take what the shared value of each group, and the other columns, can explain out of residuals and deviations."""
+    groups = np.unique(group)
+    common = np.column_stack([*(deviations[:, group == g].sum(1) for g in groups), others])
     size = np.linalg.norm(common, axis=0)
-    U, s, _ = np.linalg.svd(common[:, size > 0] / size[size > 0], full_matrices=False)
-    U = U[:, s > SEEN * s.max(initial=0.0)]
-    X = deviations - U @ (U.T @ deviations)
+    size = np.where(size > 0, size, 1.0)
+    U, s, Vt = np.linalg.svd(common / size, full_matrices=False)
+    keep = s > 1e-10 * s.max(initial=0.0)
+    U, s, Vt = U[:, keep], s[keep], Vt[keep]
+    explained = U.T @ deviations
+    X = deviations - U @ explained
     X[:, np.linalg.norm(X, axis=0) < SEEN * np.linalg.norm(deviations, axis=0)] = 0.0
-    return Linearised(r - U @ (U.T @ r), X, known, run, instant)
+    gives_way = ((Vt.T / s) @ explained / size[:, None])[np.searchsorted(groups, group)]
+    moves = np.eye(group.size) - gives_way
+    return Linearised(r - U @ (U.T @ r), X, known, values, moves, *bounds, run, instant)
 
 
-def deviants(seen: Linearised, floor: float) -> Deviants:
-    """Name the deviations. floor: of the noise level, in units of r, below which no residual is believed."""
+def deviants(seen: Linearised, floor: float, before: Sequence[int] = ()) -> Deviants:
+    """Name the deviations.
+
+    floor: of the noise level, in units of r, below which no residual is believed. before: names that stay where
+    others are no better.
+    """
     size = np.linalg.norm(seen.X, axis=0)
     heard = np.flatnonzero(size > 0)
     least = np.full(size.size, np.inf)
     if heard.size == 0:
         return Deviants((), {}, least)
-    unit, y, p = seen.X[:, heard] / size[heard], seen.y, heard.size
-    stands_out = float(norm.isf(FALSE_NAMES / (2 * p)))
-    kept = [int(k) for k in np.flatnonzero(_scaled_lasso(unit, y, seen.run >= 0, floor))]
+    choice = _Choice(seen, heard, size[heard], seen.X[:, heard] / size[heard], seen.y, floor)
+    d = _scaled_lasso(choice.unit, choice.y, seen.run >= 0, floor)
     # More deviations than half of the places are not deviations from what is shared.
-    kept = sorted(kept, key=lambda k: -abs(unit[:, k] @ y))[: max(p // 2, 1)]
-    kept = _standing_out(unit, y, kept, seen, floor, stands_out)
+    kept = sorted(np.flatnonzero(d).tolist(), key=lambda k: -abs(choice.unit[:, k] @ choice.y))
+    kept = choice.standing_out(kept[: max(heard.size // 2, 1)])
     # Of columns much alike the penalty takes any: exchange each for the one that explains most.
-    kept = _standing_out(unit, y, _exchanged(unit, y, kept), seen, floor, stands_out)
-    for k in range(p):
-        _, sd = _refitted(unit, y, [*(j for j in kept if j != k), k], seen, floor)
-        least[heard[k]] = stands_out * sd[-1] / size[heard[k]]
-    instead = {int(heard[k]): tuple(int(heard[j]) for j in _as_good(unit, y, kept, k, seen, floor)) for k in kept}
+    kept = choice.standing_out(choice.exchanged(kept))
+    stay = [k for k, i in enumerate(heard) if i in before]
+    if len(stay) == len(kept) and choice.left(stay) - choice.left(kept) < TIE:
+        kept = stay
+    if not np.isfinite(choice.left(kept)):
+        kept = []
+    for k in range(heard.size):
+        _, sd = choice.refitted([*(j for j in kept if j != k), k])
+        least[heard[k]] = choice.stands_out * sd[-1] / size[heard[k]]
+    instead = {int(heard[k]): tuple(int(heard[j]) for j in choice.as_good(kept, k)) for k in kept}
     return Deviants(tuple(sorted(instead)), instead, least)
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """Sets of columns (indices into those heard) weighed against each other; unit columns have length 1."""
+
+    seen: Linearised
+    heard: Int[np.ndarray, " h"]
+    size: Float[np.ndarray, " h"]
+    unit: Float[np.ndarray, "n h"]
+    y: Float[np.ndarray, " n"]
+    floor: float
+
+    @property
+    def stands_out(self) -> float:
+        """Standard deviations that a deviation needs to be named, among so many that could be."""
+        return float(norm.isf(FALSE_NAMES / (2 * self.heard.size)))
+
+    def refitted(self, kept: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Deviations without a penalty, and how far they scatter; infinite where they cannot be told apart."""
+        A, f = self.unit[:, list(kept)], self.floor
+        normal = A.T @ A
+        if np.linalg.eigvalsh(normal)[0] < SEEN**2:
+            return np.zeros(len(kept)), np.full(len(kept), np.inf)
+        inverse = np.linalg.inv(normal)
+        d = inverse @ (A.T @ self.y)
+        C = misfit_covariance(A / f, (self.y - A @ d) / f, self.seen.run, self.seen.instant, f**2 * inverse)
+        return d, np.sqrt(np.diag(C))
+
+    def standing_out(self, kept: Sequence[int]) -> list[int]:
+        """Drop the weakest deviation until each is far enough from zero."""
+        kept = list(kept)
+        while kept:
+            d, sd = self.refitted(kept)
+            weakest = int(np.argmin(np.abs(d) / sd))
+            if abs(d[weakest]) >= self.stands_out * sd[weakest]:
+                break
+            kept.pop(weakest)
+        return kept
+
+    def left(self, kept: Sequence[int]) -> float:
+        """Sum of squares that these columns leave; infinite where a value would have to leave its bounds."""
+        A = self.unit[:, list(kept)]
+        d = np.linalg.pinv(A.T @ A) @ (A.T @ self.y)
+        every = np.zeros(self.seen.known.size)
+        every[self.heard[list(kept)]] = d / self.size[list(kept)]
+        return float(np.sum((self.y - A @ d) ** 2)) if not kept or self.seen.possible(every) else np.inf
+
+    def exchanged(self, kept: Sequence[int]) -> list[int]:
+        """As many columns, none of which another could replace and leave less."""
+        kept, least = list(kept), self.left(kept)
+        for _ in range(self.heard.size):
+            rest = [j for j in range(self.heard.size) if j not in kept]
+            trials = [[*kept[:i], j, *kept[i + 1 :]] for i in range(len(kept)) for j in rest]
+            left = [self.left(trial) for trial in trials]
+            if not left or min(left) >= least * (1.0 - 1e-9):
+                break
+            kept, least = trials[int(np.argmin(left))], min(left)
+        return kept
+
+    def as_good(self, kept: Sequence[int], k: int) -> list[int]:
+        """Other columns that, in place of column k, explain the data no worse than chance allows."""
+        at, best = list(kept).index(k), self.left(kept)
+        A = self.unit[:, list(kept)]
+        inflation = self.refitted(kept)[1][at] ** 2 / np.linalg.inv(A.T @ A)[at, at]
+        rest, others = [j for j in kept if j != k], (j for j in range(self.heard.size) if j not in kept)
+        return [j for j in others if (self.left([*rest, j]) - best) / inflation < ELSEWHERE]
 
 
 def _scaled_lasso(
@@ -123,64 +221,3 @@ def lasso(
         if moved <= 1e-6 * weight:
             break
     return d
-
-
-def _refitted(
-    unit: np.ndarray, y: np.ndarray, kept: Sequence[int], seen: Linearised, floor: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Deviations without a penalty, and how far they scatter; infinite where they cannot be told apart."""
-    A = unit[:, list(kept)]
-    normal = A.T @ A
-    if np.linalg.eigvalsh(normal)[0] < SEEN:
-        return np.zeros(len(kept)), np.full(len(kept), np.inf)
-    inverse = np.linalg.inv(normal)
-    d = inverse @ (A.T @ y)
-    C = misfit_covariance(A / floor, (y - A @ d) / floor, seen.run, seen.instant, floor**2 * inverse)
-    return d, np.sqrt(np.diag(C))
-
-
-def _standing_out(
-    unit: np.ndarray, y: np.ndarray, kept: list[int], seen: Linearised, floor: float, stands_out: float
-) -> list[int]:
-    """Drop the weakest deviation until each is this many of its standard deviations."""
-    kept = list(kept)
-    while kept:
-        d, sd = _refitted(unit, y, kept, seen, floor)
-        weakest = int(np.argmin(np.abs(d) / sd))
-        if abs(d[weakest]) >= stands_out * sd[weakest]:
-            break
-        kept.pop(weakest)
-    return kept
-
-
-def _exchanged(unit: np.ndarray, y: np.ndarray, kept: Sequence[int]) -> list[int]:
-    """As many columns, none of which another could replace and leave less."""
-    kept = list(kept)
-    least = _left(unit, y, kept)[0] if kept else 0.0
-    for _ in range(unit.shape[1]):
-        trials = [
-            [*kept[:i], j, *kept[i + 1 :]] for i in range(len(kept)) for j in range(unit.shape[1]) if j not in kept
-        ]
-        left = [_left(unit, y, trial)[0] for trial in trials]
-        if not left or min(left) >= least * (1.0 - 1e-9):
-            break
-        kept, least = trials[int(np.argmin(left))], min(left)
-    return kept
-
-
-def _as_good(unit: np.ndarray, y: np.ndarray, kept: Sequence[int], k: int, seen: Linearised, floor: float) -> list[int]:
-    """Other columns that, in place of column k, explain the data no worse than chance allows."""
-    _, sd = _refitted(unit, y, kept, seen, floor)
-    best, plain = _left(unit, y, kept)
-    alone = np.sqrt(np.diag(plain))[list(kept).index(k)]
-    inflation = (sd[list(kept).index(k)] / alone) ** 2
-    rest = [j for j in kept if j != k]
-    others = (j for j in range(unit.shape[1]) if j not in kept)
-    return [j for j in others if (_left(unit, y, [*rest, j])[0] - best) / inflation < ELSEWHERE]
-
-
-def _left(unit: np.ndarray, y: np.ndarray, kept: Sequence[int]) -> tuple[float, np.ndarray]:
-    """Sum of squares that these columns leave, and their covariance for a noise of 1."""
-    A = unit[:, list(kept)]
-    inverse = np.linalg.pinv(A.T @ A)
-    return float(y @ y - (A.T @ y) @ inverse @ (A.T @ y)), inverse

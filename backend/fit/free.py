@@ -169,11 +169,14 @@ class _Reader:
 
     def at(self, kind: EffectKind, places: tuple[str, ...], label: str, parameter: str | None) -> list[FreeParameter]:
         """One free parameter per parameter name, shared by the places."""
-        takers: dict[str, list[Address]] = {}
+        takers: dict[str, dict[str, Address]] = {}
         for place in places:
             for spec in self._parameters(kind, place, parameter):
-                takers.setdefault(spec.name, []).append((self._effect(kind, place).id, spec.name))
-        return [self._parameter(kind, places, label, kind.parameters[n], a) for n, a in takers.items()]
+                takers.setdefault(spec.name, {})[place] = (self._effect(kind, place).id, spec.name)
+        return [
+            self._parameter(kind, list(at), label, kind.parameters[name], list(at.values()))
+            for name, at in takers.items()
+        ]
 
     def _parameters(self, kind: EffectKind, place: str, parameter: str | None) -> list[ParameterSpec]:
         single = [s for s in self._suited(kind, place) if s.size == 1]

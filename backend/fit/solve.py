@@ -111,10 +111,10 @@ class _Cost:
 
 def robust_weights(loss: LossName, r: Float[np.ndarray, " n"], data_rows: int) -> Float[np.ndarray, " n"]:
     """Weights of a robust loss as wide as the bulk of these residuals; 1 for priors, and where r is not finite."""
-    if loss == "linear" or not np.all(np.isfinite(r)):
-        return np.ones_like(r)
-    _, weight = evaluate_loss(loss, r[:data_rows], max(bulk_spread(r[:data_rows]), 1.0))
-    return np.concatenate([weight, np.ones(r.size - data_rows)])
+    weights = np.ones_like(r)
+    if loss != "linear" and np.all(np.isfinite(r)):
+        weights[:data_rows] = evaluate_loss(loss, r[:data_rows], max(bulk_spread(r[:data_rows]), 1.0))[1]
+    return weights
 
 
 def solve(

@@ -45,7 +45,7 @@ class Sparse:
         """From the fit of shared values, name what deviates and fit again, until the names stay."""
         apart: tuple[int, ...] = ()
         for _ in range(ROUNDS):
-            self.named = self._name(solution)
+            self.named = self._name(solution, apart)
             self.settled = self.named.apart == apart
             if self.settled or not solution.converged:
                 return solution
@@ -101,19 +101,25 @@ class Sparse:
                     f"{', '.join(blind)}: these data cannot tell whether it deviates there."
                 )
 
-    def _name(self, solution: Solution) -> Deviants:
+    def _name(self, solution: Solution, apart: Sequence[int]) -> Deviants:
         self.full.spread, self.full.memory = self.few.spread, self.few.memory
         x = self._full(solution.x)
         r, J = self.full.evaluate(x)
         root = np.sqrt(solution.weights)
         r, J = root * r, root[:, None] * J
         candidates = self._candidates()
-        shared = [J[:, list(group.members)].sum(1) for group in self.groups]
-        common = np.column_stack([*shared, np.delete(J, candidates, axis=1)])
-        value = np.array([float(solution.x[self._column(self._mate(i))]) for i in candidates])
+        group = np.repeat(np.arange(len(self.groups)), [len(g.members) for g in self.groups])
+        shared = np.array([float(solution.x[self._column(self._mate(i))]) for i in candidates])
+        lower, upper = np.array([(self.full.parameters[i].lower, self.full.parameters[i].upper) for i in candidates]).T
         rows = self.full.rows()
-        found = deviants(projected(r, J[:, candidates], common, x[candidates] - value, rows.run, rows.instant),
-                         1.0 / self.full.spread)  # fmt: skip
+        found = deviants(
+            projected(
+                r, J[:, candidates], group, np.delete(J, candidates, axis=1), x[candidates] - shared, x[candidates],
+                (lower, upper), rows.run, rows.instant,
+            ),
+            1.0 / self.full.spread,
+            [candidates.index(i) for i in apart],
+        )  # fmt: skip
         return Deviants(
             tuple(candidates[c] for c in found.apart), {candidates[c]: v for c, v in found.instead.items()}, found.least
         )

@@ -1,21 +1,27 @@
 """Which of many columns deviate, where the answer is known: linear problems with a noise of 1."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from backend.fit.deviants import Linearised, deviants, lasso, projected
+from backend.fit.deviants import deviants, lasso, projected
 
 SAMPLES, PLACES = 400, 15
 
 
-def problem(seed, truth, X=None):
+def problem(seed, truth, X=None, bounds=None):
     """Whitened residuals at zero deviations of columns that share much with each other and with a common one."""
     rng = np.random.default_rng(seed)
     if X is None:
         base = np.cumsum(rng.standard_normal((SAMPLES, 1)), 0)
         X = base + np.cumsum(rng.standard_normal((SAMPLES, PLACES)), 0)
     y = X @ truth + rng.standard_normal(SAMPLES)
-    return projected(-y, X, X.sum(1, keepdims=True), 0 * truth, np.zeros(SAMPLES, int), np.arange(SAMPLES))
+    free = np.full(PLACES, -np.inf), np.full(PLACES, np.inf)
+    return projected(
+        -y, X, np.zeros(PLACES, int), np.zeros((SAMPLES, 0)), 0 * truth, np.ones(PLACES), bounds or free,
+        np.zeros(SAMPLES, int), np.arange(SAMPLES),
+    )  # fmt: skip
 
 
 def test_the_penalty_is_a_soft_threshold_where_columns_are_orthogonal():
@@ -63,6 +69,19 @@ def test_places_that_do_the_same_are_named_in_each_others_stead():
     assert {named, *found.instead[named]} == {3, 7}
 
 
+def test_a_place_that_would_need_a_value_beyond_its_bounds_is_none_to_name():
+    """All alike but one: that it is larger, or that any other is far smaller, explains the same."""
+    rng = np.random.default_rng(0)
+    X = np.repeat(np.cumsum(rng.standard_normal((SAMPLES, 1)), 0), PLACES, 1)
+    X[:, 0] = np.cumsum(rng.standard_normal(SAMPLES))
+    truth = np.zeros(PLACES)
+    truth[0] = 4.0
+    bounds = np.zeros(PLACES), np.full(PLACES, np.inf)
+    found = deviants(problem(1, truth, X, bounds), 1.0)
+    assert found.apart == (0,)
+    assert found.instead[0] == ()
+
+
 def test_places_that_all_do_the_same_cannot_be_told_from_what_they_share():
     """Every pin of a regular scissor turns by the same angle."""
     column = np.cumsum(np.random.default_rng(0).standard_normal((SAMPLES, 1)), 0)
@@ -82,6 +101,6 @@ def test_noise_that_remembers_does_not_pass_for_a_deviation():
         slow = rng.standard_normal(SAMPLES)
         for t in range(1, SAMPLES):
             slow[t] += 0.8 * slow[t - 1]
-        seen = Linearised(slow, clean.X, clean.known, clean.run, clean.instant)
+        seen = replace(clean, r=slow)
         named += bool(deviants(seen, 1.0).apart)
     assert named <= 12  # white noise of the same size would be taken for one in nearly every draw

@@ -57,6 +57,21 @@ def test_all_shares_one_value_per_unit(mechanism):
     assert len(force.addresses) == 1
 
 
+def test_all_but_some_shares_one_value_among_the_rest(mechanism):
+    torque, force = free_parameters(mechanism, ["coulomb_friction:all-j2"]).parameters
+    assert (torque.on, force.on) == (("j1",), ("slide",))
+    assert free_parameters(mechanism, ["coulomb_friction:all-j1+slide"]).parameters[0].on == ("j2",)
+    with pytest.raises(ValueError, match="does not act at 'j9'"):
+        free_parameters(mechanism, ["coulomb_friction:all-j9"])
+
+
+def test_a_name_in_fit_json_frees_the_same_number_again(mechanism):
+    for spec in ("coulomb_friction:*", "coulomb_friction:all", "coulomb_friction:all-j1", "coulomb_friction:j1+j2"):
+        for parameter in free_parameters(mechanism, [spec]).parameters:
+            (again,) = free_parameters(mechanism, [parameter.name]).parameters
+            assert again == parameter
+
+
 def test_a_plus_shares_one_value_among_those_named(mechanism):
     (shared,) = free_parameters(mechanism, ["air_drag:link1+link2"]).parameters
     assert shared.on == ("link1", "link2")

@@ -70,10 +70,10 @@ def seen():
     return study
 
 
-def fitted(study):
+def fitted(study, **options):
     from backend.fit.fit_study import fit_study
 
-    return fit_study(study, ["viscous_friction:*"], sparse=True, profiles=False, step_s=STEP_S)
+    return fit_study(study, ["viscous_friction:*"], sparse=True, profiles=False, step_s=STEP_S, **options)
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +112,22 @@ def test_what_was_found_is_said_and_can_be_handed_on(with_a_bad_pin):
     values = {e.on[0]: e.parameters["damping_n_m_s_per_rad"] for e in drawn.effects if e.kind == "viscous_friction"}
     assert values.pop(BAD) == pytest.approx(TIMES * DAMPING, rel=0.1)
     assert set(values.values()) == {with_a_bad_pin.report.parameters[0].value}
+
+
+def test_a_fit_killed_after_names_were_given_finds_them_again(seen, with_a_bad_pin, tmp_path):
+    study, kept = seen(1, **{BAD: TIMES}), tmp_path / "fit.checkpoint.json"
+
+    def die(fraction, words):
+        if words.startswith("fitting what deviates, iteration 2"):
+            raise MemoryError
+
+    with pytest.raises(MemoryError):
+        fitted(study, checkpoint=kept, progress=die)
+    resumed = fitted(study, checkpoint=kept, resume=True).report
+    assert [d.name for d in resumed.deviations] == [d.name for d in with_a_bad_pin.report.deviations]
+    for again, p in zip(resumed.parameters, with_a_bad_pin.report.parameters, strict=True):
+        assert again.value == pytest.approx(p.value, abs=0.01 * p.sd)  # a millionth of the objective is left
+    assert len(resumed.history) > 10
 
 
 def test_nothing_to_share_is_refused(seen):
