@@ -194,9 +194,8 @@ def test_a_fit_that_was_killed_goes_on_where_it_was(study, fitted, counted, tmp_
     assert rest < len(counted)
     assert resumed.report.converged
     sd = fitted[0].uncertainty.sd[:3]
-    np.testing.assert_allclose(
-        resumed.solution.x[:3], whole.solution.x[:3], rtol=0, atol=2e-3 * sd.min()
-    )  # both stop where no step gains a millionth of the objective
+    # Both stop where no step gains a millionth of an objective of some 700: within 0.04 sd of the optimum each.
+    np.testing.assert_allclose(resumed.solution.x[:3] / sd, whole.solution.x[:3] / sd, rtol=0, atol=0.08)
     assert len(resumed.report.history) >= iteration
     assert not kept.exists()
 
