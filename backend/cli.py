@@ -50,6 +50,8 @@ def main() -> None:
     # Read when jax starts: nothing is imported here.  A program compiled once serves every later command on a
     # mechanism of the same layout.
     os.environ.setdefault("JAX_ENABLE_X64", "1")
+    # Threads of small decompositions wait for each other longer than they work: 250 times longer on a busy machine.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     shelf = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "linktwin" / "programs"
     with suppress(OSError):  # a home that cannot be written costs compile time, nothing else
         shelf.mkdir(parents=True, exist_ok=True)
