@@ -93,10 +93,19 @@ class Run:
     @cached_property
     def setting(self) -> Setting:
         """The rollout of the whole record. Records of similar length share one compiled program."""
-        since = self.since_release_s
+        return self.framed(*self.frame)
+
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Steps and samples that the rollout of the whole record has room for."""
         clocks = bool(self.model.of(AbstractClock))
-        steps = roomy(int(np.ceil(self.duration_s * (CLOCK_ROOM if clocks else 1.0) / self.step_s)) + 1)
-        column, time = np.zeros(roomy(since.size), int), np.zeros(roomy(since.size))
+        steps = int(np.ceil(self.duration_s * (CLOCK_ROOM if clocks else 1.0) / self.step_s)) + 1
+        return roomy(steps), roomy(self.since_release_s.size)
+
+    def framed(self, steps: int, samples: int) -> Setting:
+        """The rollout with room for so many steps and samples: one frame for all is one compiled program."""
+        since = self.since_release_s
+        column, time = np.zeros(samples, int), np.zeros(samples)
         column[: since.size], time[: since.size] = self.data.column, since
         record = None
         if (table := self.experiment.inputs) is not None:

@@ -1,0 +1,111 @@
+"""How probable each explanation is, and which others the same data cannot tell from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from backend.diagnose.adequacy import scaled
+from backend.diagnose.fitted import Fitted, log_evidence
+from backend.diagnose.screen import Screen
+from backend.diagnose.which import Cause
+from backend.fit.noise import lag_one
+
+NONE, ONE, UNKNOWN, SEVERAL = 0.3, 0.5, 0.2, 0.1
+"""Belief before any data in: nothing, one effect of the library, something that is not in it, several at once."""
+ODDS = float(np.log(20.0))
+APART = 9.0  # squared sd below which two explanations count as one
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Causes, most probable first, with their probabilities beside `none` and `unknown`; log_z as weighed."""
+
+    causes: tuple[Cause, ...]
+    probability: np.ndarray
+    log_z: np.ndarray
+    none: float
+    unknown: float
+
+    @property
+    def reported(self) -> list[int]:
+        """Causes that the data leave standing beside the first: within odds of 20, or the same motion to 3 sd."""
+        if not self.causes:
+            return []
+        best = self.causes[0]
+        alike = [
+            len(c.candidates) == len(best.candidates) and _fits_as_well(c, best) and self.log_z[0] - z < 3.0 * ODDS
+            for c, z in zip(self.causes, self.log_z, strict=True)
+        ]
+        near = self.log_z > self.log_z[0] - ODDS
+        return [i for i in range(len(self.causes)) if near[i] or alike[i]]
+
+
+def _fits_as_well(c: Cause, best: Cause) -> bool:
+    return abs(c.fitted.chi2 - best.fitted.chi2) < APART
+
+
+def softness(best: Fitted) -> float:
+    """Weight of the likelihood where even the best form is wrong: independent misses per sample over their power.
+
+    Miller and Dunson (2019) coarsen a likelihood so; a law that misses by ten sigmas over a hundred swings must not
+    count each sample as evidence against its rivals.
+    """
+    power = best.chi2 / max(best.r.size - best.x.size, 1)
+    a = max(float(np.mean([lag_one(best.r[rows]) for rows in best.rows])), 0.0)
+    return min(1.0, (1.0 - a) / (1.0 + a) / max(power, 1.0))
+
+
+def weigh(
+    baseline: Cause | None,
+    causes: Sequence[Cause],
+    library_size: int,
+    *,
+    scale: float,
+    softness: float = 1.0,
+    unknown_log_z: float | None = None,
+) -> Belief:
+    """Probabilities from evidence and the beliefs before any data."""
+    width = scale / np.sqrt(softness)
+    z = np.array([log_evidence(scaled(c.fitted, width)) for c in causes])
+    prior = np.array([np.log(_prior(len(c.candidates), library_size)) for c in causes])
+    order = np.argsort(-(z + prior))
+    causes, z, prior = [causes[i] for i in order], z[order], prior[order]
+    rest = []
+    rest.append(-np.inf if baseline is None else np.log(NONE) + log_evidence(scaled(baseline.fitted, width)))
+    rest.append(-np.inf if unknown_log_z is None else np.log(UNKNOWN) + unknown_log_z)
+    total = logsumexp([*(z + prior), *rest])
+    p = np.exp(z + prior - total)
+    return Belief(tuple(causes), p, z + prior, float(np.exp(rest[0] - total)), float(np.exp(rest[1] - total)))
+
+
+def _prior(size: int, library: int) -> float:
+    ways = 1.0
+    for k in range(size):
+        ways *= (library - k) / (k + 1.0)
+    return (ONE if size == 1 else SEVERAL * 0.3 ** (size - 2)) / ways
+
+
+def aliases(about: Screen, cause: Cause, others: Sequence, refitted: Sequence[Cause], scale: float) -> list[list[str]]:
+    """`[kind, place]` of candidates that these data cannot tell from a single cause, refitted ones by their fits."""
+    (own,) = cause.candidates
+    tried = {c.candidates[0].name: c for c in refitted if len(c.candidates) == 1}
+    S = about.signature(own) / scale
+    change = S @ (cause.fitted.values[: S.shape[1]] - cause.fitted.choice.start[: S.shape[1]])
+    found = []
+    for k in others:
+        if k.name == own.name:
+            continue
+        if k.name in tried:
+            apart = (tried[k.name].fitted.chi2 - cause.fitted.chi2) / scale**2
+        else:
+            T = about.signature(k) / scale
+            H = T.T @ T + np.diag(k.prior_sd**-2.0)
+            b = T.T @ change
+            apart = float(change @ change - b @ np.linalg.solve(H, b))
+        if apart < APART:
+            found.append([k.kind, "all" if len(k.on) > 1 else k.on[0]])
+    return found

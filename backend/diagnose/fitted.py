@@ -1,0 +1,185 @@
+"""A choice of causes fitted to a study: values, what is left over, and how probable the data are under it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import norm
+
+from backend.diagnose.probe import Probe
+from backend.diagnose.subject import Choice, Subject
+from backend.fit.solve import LeastSquares, solve
+
+FTOL = 3e-6  # of an objective of a few thousand: a hundredth in log evidence
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """x: values of the choice's parameters, then each run's start. r = whitened (measured - predicted) and
+    J = d(predicted): data rows alone, run by run as `rows` says; precision: prior of x.
+    """
+
+    choice: Choice
+    probes: tuple[Probe, ...]
+    x: Float[np.ndarray, " x"]
+    r: Float[np.ndarray, " n"]
+    J: Float[np.ndarray, "n x"]
+    rows: tuple[slice, ...]
+    precision: Float[np.ndarray, " x"]
+    status: str
+    fraction: float
+    miss: float
+    """Rms of (measured - predicted) in radians or mechanism lengths, outliers left out."""
+
+    @property
+    def count(self) -> int:
+        """Number of the choice's parameters."""
+        return len(self.choice.parameters)
+
+    @property
+    def values(self) -> np.ndarray:
+        """Of the choice's parameters."""
+        return self.x[: self.count]
+
+    def own(self, run: int) -> np.ndarray:
+        """The start of one run."""
+        ends = self.count + np.cumsum([0, *[p.unknowns for p in self.probes]])
+        return self.x[ends[run] : ends[run + 1]]
+
+    @property
+    def information(self) -> np.ndarray:
+        """J'J and the prior."""
+        return self.J.T @ self.J + np.diag(self.precision)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of x, for noise alone."""
+        return np.linalg.pinv(self.information, hermitian=True)
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the data rows."""
+        return float(self.r @ self.r)
+
+    @property
+    def rms(self) -> float:
+        """Of the data rows, in sigmas."""
+        return float(np.sqrt(np.mean(self.r**2)))
+
+
+def start_of(subject: Subject, choice: Choice, known: Mapping[str, float] | None = None) -> np.ndarray:
+    """Where a search begins: as drawn, or where something else left off (by name)."""
+    values = [(known or {}).get(p.name, p.start) for p in choice.parameters]
+    return np.concatenate([values, *[p.start for p in subject.fit]])
+
+
+def fit(
+    subject: Subject,
+    choice: Choice,
+    *,
+    start: Float[np.ndarray, " x"] | None = None,
+    fractions: Sequence[float] = (1.0,),
+    max_iterations: int = 12,
+    cancelled: Callable[[], bool] | None = None,
+) -> Fitted:
+    """Most probable values under the prior, over growing shares of the records."""
+    x = start_of(subject, choice) if start is None else start
+    for fraction in fractions:
+        made = _fit(subject, choice, x, fraction, max_iterations, cancelled)
+        x = made.x
+    return made
+
+
+def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fitted:
+    probes = [p.choose(choice.ties, subject.neutral) for p in subject.fit]
+    seer = Seer(subject, probes, fraction)
+    few = len(choice.parameters)
+    begin = choice.start
+    bounds = [p.bounds() for p in probes]
+    lower = np.concatenate([[p.lower for p in choice.parameters], *[b[0] for b in bounds]])
+    upper = np.concatenate([[p.upper for p in choice.parameters], *[b[1] for b in bounds]])
+    scale = np.concatenate([choice.prior_sd, *[np.ones(p.unknowns) for p in probes]])
+    weight = np.eye(few, x.size) / choice.prior_sd[:, None]
+    last: dict[str, np.ndarray] = {}
+
+    def linearise(x: np.ndarray):
+        if last.get("x") is None or not np.array_equal(last["x"], x):
+            r, J = seer(x)
+            last.update(
+                x=x.copy(),
+                r=np.concatenate([-r, (x[:few] - begin) / choice.prior_sd]),
+                J=np.concatenate([J, weight]),
+            )
+        return last["r"], last["J"]
+
+    names = [p.name for p in choice.parameters] + [f"start {i}" for i in range(x.size - few)]
+    problem = LeastSquares(names, lambda x: linearise(x)[0], linearise, lower, upper, scale, seer.count)
+    solution = solve(problem, x, max_iterations=max_iterations, ftol=FTOL, cancelled=cancelled)
+    r, J = -solution.residual[: seer.count], solution.jacobian[: seer.count]
+    precision = np.concatenate([choice.prior_sd**-2.0, np.zeros(x.size - few)])
+    return Fitted(
+        choice, tuple(probes), solution.x, r, J, seer.rows, precision, solution.status, fraction, seer.miss(solution.x)
+    )
+
+
+class Seer:
+    """Whitened (measured - predicted) and slopes of the prediction, all runs of a subject."""
+
+    def __init__(self, subject: Subject, probes: Sequence[Probe], fraction: float = 1.0):
+        self.subject, self.probes = subject, probes
+        self.white = [
+            subject.noise.whitening(p.data, i, fraction, subject.scale) for i, p in enumerate(probes)
+        ]
+        ends = np.cumsum([0, *[w.keep.size for w in self.white]]).tolist()
+        self.rows = tuple(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        self.count = ends[-1]
+
+    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(r, J)."""
+        few = 0 if self.probes[0].ties is None else self.probes[0].ties.shape[1]
+        ends = few + np.cumsum([0, *[p.unknowns for p in self.probes]])
+        r, J = np.zeros(self.count), np.zeros((self.count, x.size))
+
+        def one(i: int) -> None:
+            p, white, rows = self.probes[i], self.white[i], self.rows[i]
+            seen, slope = p.predict(x[:few], x[ends[i] : ends[i + 1]])
+            r[rows] = white(p.data.value - seen)
+            slope = white(slope)
+            J[rows, :few], J[rows, ends[i] : ends[i + 1]] = slope[:, :few], slope[:, few:]
+
+        self.subject.over(one, range(len(self.probes)))
+        return r, J
+
+    def miss(self, x: np.ndarray) -> float:
+        """Rms of what the prediction misses, in radians or mechanism lengths."""
+        few = 0 if self.probes[0].ties is None else self.probes[0].ties.shape[1]
+        ends = few + np.cumsum([0, *[p.unknowns for p in self.probes]])
+        length, squares, count = float(self.subject.model.scale.length_m), 0.0, 0
+        for i, (p, white) in enumerate(zip(self.probes, self.white, strict=True)):
+            seen, _ = p.predict(x[:few], x[ends[i] : ends[i + 1]])
+            metres = np.array([c.unit == "m" for c in p.data.channels])[p.data.channel]
+            off = ((p.data.value - seen) / np.where(metres, length, 1.0))[white.keep]
+            squares, count = squares + float(off @ off), count + off.size
+        return float(np.sqrt(squares / max(count, 1)))
+
+
+def log_evidence(fitted: Fitted) -> float:
+    """Laplace approximation, up to a constant that all choices for the same rows share.
+
+    A number that cannot be negative has a prior of twice the density on half of the line.
+    """
+    H, few = fitted.information, fitted.count
+    shift = fitted.values - fitted.choice.start
+    b = fitted.J.T @ fitted.r
+    b[:few] -= shift / fitted.choice.prior_sd**2
+    step = np.linalg.lstsq(H, b, rcond=1e-14)[0]
+    cost = fitted.chi2 + float(np.sum((shift / fitted.choice.prior_sd) ** 2)) - float(b @ step)
+    z = -0.5 * cost - float(np.sum(np.log(fitted.choice.prior_sd))) - 0.5 * float(np.linalg.slogdet(H)[1])
+    sd = np.sqrt(np.maximum(np.diag(fitted.covariance)[:few], 1e-300))
+    for i, p in enumerate(fitted.choice.parameters):
+        if p.lower >= p.start:
+            z += float(norm.logcdf((shift[i] + step[i]) / sd[i]) + np.log(2.0))
+    return z

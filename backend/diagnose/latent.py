@@ -1,0 +1,143 @@
+"""What no effect of the library is needed for: unknown smooth forces at joints, unknown smooth shifts in the picture.
+
+r ~ N(J x + L a, I + s² L L'), a the sizes of bumps in time, s on a grid relative to what the noise lets through. The
+evidence of a place is the mean over the grid; the posterior of a is the missing force against time (Kennedy and
+O'Hagan 2001 for the discrepancy; Alvarez, Luengo and Lawrence 2009 for the force behind it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import logsumexp
+from scipy.stats import chi2
+
+from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.subject import Subject, wave_centres
+from backend.fit.measured import AXES
+
+SIZES = np.geomspace(0.3, 3e4, 11)  # sd of a bump, in sigmas of the data that it moves
+DRAWS = 4000
+
+
+@dataclass(frozen=True)
+class Latent:
+    """Whitened responses to bumps, one matrix a place: `joint:ID` (forces), `marker:ID` and `camera` (shifts).
+
+    Columns run over experiments, then (for shifts) axes, then bumps in time. unit: size of a bump with s = 1.
+    """
+
+    places: dict[str, Float[np.ndarray, "n bumps"]]
+    unit: dict[str, float]
+
+    @property
+    def forces(self) -> list[str]:
+        """Places where forces act."""
+        return [p for p in self.places if p.startswith("joint:")]
+
+    def scaled(self, place: str) -> np.ndarray:
+        """Columns for s = 1."""
+        return self.places[place] * self.unit[place]
+
+
+def responses(subject: Subject, fitted: Fitted, shifts: bool = True) -> Latent:
+    """Responses about a fitted motion."""
+    seer = Seer(subject, fitted.probes, fitted.fraction)
+    n, joints = seer.count, len(subject.joints)
+
+    def one(i: int) -> np.ndarray:
+        slopes = fitted.probes[i].drive_slopes(fitted.values, fitted.own(i), joints)
+        return seer.white[i](np.nan_to_num(slopes))
+
+    made = subject.over(one, range(len(fitted.probes)))
+    places: dict[str, np.ndarray] = {}
+    for j, id in enumerate(subject.joints):
+        places[f"joint:{id}"] = _blocks(n, seer.rows, [m[:, j] for m in made])
+    if shifts:
+        places |= _shifts(subject, fitted, seer)
+    places = {k: L[:, np.linalg.norm(L, axis=0) > 1e-9 * max(np.linalg.norm(L), 1e-300)] for k, L in places.items()}
+    places = {k: L for k, L in places.items() if L.shape[1]}
+    return Latent(places, {k: 1.0 / float(np.median(np.linalg.norm(L, axis=0))) for k, L in places.items()})
+
+
+def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarray]:
+    markers = sorted({c.at for p in fitted.probes for c in p.data.channels if c.at.startswith("marker:")})
+    if not markers:
+        return {}
+    axes = sorted({c.coordinate for p in fitted.probes for c in p.data.channels if c.at.startswith("marker:")})
+    blocks: dict[str, list[list[np.ndarray]]] = {m: [] for m in (*markers, "camera")}
+    for p, white in zip(fitted.probes, seer.white, strict=True):
+        count = p.bumps.shape[1]
+        centre, spacing = wave_centres(p.duration_s, count)
+        shape = np.exp(-0.5 * ((p.since_release_s[:, None] - centre) / (0.7 * spacing)) ** 2)
+        shape[p.data.still] = 0.0
+        at = np.array([c.at for c in p.data.channels])[p.data.channel]
+        axis = np.array([c.coordinate for c in p.data.channels])[p.data.channel]
+        for place in blocks:
+            on = at == place if place != "camera" else np.isin(at, markers)
+            blocks[place].append([white(shape * (on & (axis == a))[:, None]) for a in axes if a in AXES])
+    n = seer.count
+    stacked = {
+        k: _blocks(n, seer.rows, [np.concatenate(parts, 1) for parts in runs]) for k, runs in blocks.items()
+    }
+    return stacked if len(markers) > 1 else {"camera": stacked["camera"]}
+
+
+def _blocks(n: int, rows: Sequence[slice], parts: Sequence[np.ndarray]) -> np.ndarray:
+    made, at = np.zeros((n, sum(p.shape[1] for p in parts))), 0
+    for r, p in zip(rows, parts, strict=True):
+        made[r, at : at + p.shape[1]] = p
+        at += p.shape[1]
+    return made
+
+
+def evidence(fitted: Fitted, L: Float[np.ndarray, "n bumps"]) -> Float[np.ndarray, " sizes"]:
+    """Log evidence with unknown bumps of each size beside the fit; none is log_evidence without its sign terms."""
+    few, m = fitted.count, L.shape[1]
+    A = np.concatenate([fitted.J, L], 1)
+    G, b = A.T @ A, A.T @ fitted.r
+    k = fitted.x.size
+    G[np.arange(k), np.arange(k)] += fitted.precision
+    shift = fitted.values - fitted.choice.start
+    b[:few] -= shift / fitted.choice.prior_sd**2
+    base = fitted.chi2 + float(np.sum((shift / fitted.choice.prior_sd) ** 2))
+    found = []
+    for s in SIZES:
+        H = G.copy()
+        H[np.arange(k, k + m), np.arange(k, k + m)] += s**-2.0
+        c = np.linalg.cholesky(H + 1e-13 * np.diag(np.diag(H)))
+        y = np.linalg.solve(c, b)
+        found.append(-0.5 * (base - y @ y) - np.sum(np.log(np.diag(c))) - m * np.log(s))
+    return np.array(found) - float(np.sum(np.log(fitted.choice.prior_sd)))
+
+
+def mean_over_sizes(z: Float[np.ndarray, " sizes"]) -> float:
+    """Evidence where no size is known beforehand."""
+    return float(logsumexp(z) - np.log(z.size))
+
+
+def posterior(fitted: Fitted, L: Float[np.ndarray, "n bumps"], s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of the bumps, of the size s."""
+    k, m = fitted.x.size, L.shape[1]
+    A = np.concatenate([fitted.J, L], 1)
+    H = A.T @ A + np.diag(np.concatenate([fitted.precision, np.full(m, s**-2.0)]))
+    C = np.linalg.pinv(H, hermitian=True)
+    return (C @ (A.T @ fitted.r))[k:], C[k:, k:]
+
+
+def omnibus(fitted: Fitted, L: Float[np.ndarray, "n bumps"], rng: np.random.Generator) -> float:
+    """Probability of as large a ‖L' P⊥ r‖² from noise alone: a weighted sum of chi-squares."""
+    H = np.linalg.pinv(fitted.information, hermitian=True)
+    JL = fitted.J.T @ L
+    score = L.T @ fitted.r - JL.T @ (H @ (fitted.J.T @ fitted.r))
+    spectrum = np.linalg.eigvalsh(L.T @ L - JL.T @ H @ JL)
+    spectrum = spectrum[spectrum > 1e-9 * spectrum.max()]
+    statistic = float(score @ score)
+    p = (1.0 + np.sum((rng.standard_normal((DRAWS, spectrum.size)) ** 2) @ spectrum >= statistic)) / (DRAWS + 1.0)
+    if p < 5e-3:  # Satterthwaite's tail where draws are too few
+        mean, square = spectrum.sum(), float(np.sum(spectrum**2))
+        p = min(p, float(chi2.sf(statistic * mean / square, mean**2 / square)))
+    return float(p)

@@ -1,0 +1,205 @@
+"""What may be missing from the drawing: every effect of the library, at every place where it can act.
+
+An effect is a candidate because its file declares how large it may be (`Declaration.expected`), in the mechanism's own
+natural sizes: nothing here knows a kind by name. All candidates of one structure stand in one model, absent, so that
+one compiled program serves them all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from backend.effects.catalogue import catalogue
+from backend.effects.effect import AbstractEffect
+from backend.effects.shapes import (
+    AbstractJointClearance,
+    AbstractJointStop,
+    AbstractLinkContact,
+    AbstractRateFriction,
+    AbstractSection,
+)
+from backend.fit.free import Freedom, FreeParameter, free_parameters
+from backend.mechanism.effect import Effect
+from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.study import Tolerance
+from backend.model.build import build
+
+SWITCHING = (AbstractJointClearance, AbstractJointStop, AbstractSection)  # nothing to first order while absent
+DECLARED_ONLY = (AbstractLinkContact,)  # their geometry must be drawn
+SMOOTH = "smooth"
+OF_DRAWN = 0.3  # of a value that is drawn: how far it may be off before any data
+KNOWN_ENOUGH = 3.0  # a tolerance of a drawing is a finding beyond so many of its standard deviations
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One possible cause: an effect at one place, or the same effect everywhere.
+
+    takes: for each of its own numbers, the library's parameters (indices) that carry it. parameters: those numbers,
+    with `prior_sd` their sd before any data.
+    """
+
+    kind: str
+    on: tuple[str, ...]
+    places: tuple[str, ...]
+    parameters: tuple[FreeParameter, ...]
+    takes: tuple[tuple[int, ...], ...]
+    family: str
+
+    @property
+    def name(self) -> str:
+        """`kind:place`, or `kind:all` for a shared one."""
+        return f"{self.kind}:{'all' if len(self.on) > 1 else self.on[0]}"
+
+    @property
+    def prior_sd(self) -> np.ndarray:
+        """Sd of its numbers before any data."""
+        return np.array([p.prior_sd for p in self.parameters], float)
+
+    @property
+    def one_sided(self) -> np.ndarray:
+        """Which numbers cannot fall below where they start."""
+        return np.array([p.lower >= p.start for p in self.parameters])
+
+    def ties(self, count: int) -> np.ndarray:
+        """(count, own): from its numbers to the library's."""
+        ties = np.zeros((count, len(self.takes)))
+        for own, all_ in enumerate(self.takes):
+            ties[list(all_), own] = 1.0
+        return ties
+
+
+@dataclass(frozen=True)
+class Library:
+    """Candidates of one family, the parameters they take and the effects that carry them.
+
+    nuisances: indices of the parameters that the study's tolerances free in every fit.
+    """
+
+    family: str
+    parameters: tuple[FreeParameter, ...]
+    added: tuple[Effect, ...]
+    candidates: tuple[Candidate, ...]
+    nuisances: tuple[int, ...]
+
+
+def family_of(effect: type[AbstractEffect]) -> str:
+    """Effects that change the structure of the model stand apart, one family each."""
+    if issubclass(effect, SWITCHING):
+        return effect.kind
+    return "load" if effect.kind == "pin_friction" else SMOOTH
+
+
+def families(without: frozenset[str] = frozenset()) -> dict[str, tuple[str, ...]]:
+    """Kinds that may be causes, by family, "smooth" first. without: kinds to leave out."""
+    found: dict[str, tuple[str, ...]] = {SMOOTH: ()}
+    for kind, effect in catalogue().items():
+        if kind not in without and kind != "gravity" and not issubclass(effect, DECLARED_ONLY) and _expected(effect):
+            found[family_of(effect)] = (*found.get(family_of(effect), ()), kind)
+    return found
+
+
+def _expected(effect: type[AbstractEffect]) -> bool:
+    return any(_sd(d) is not None for d in effect.declarations().values())
+
+
+def library(
+    mechanism: Mechanism, family: str, tolerances: Sequence[Tolerance] = (), without: frozenset[str] = frozenset()
+) -> Library:
+    """Everything smooth, and one further family beside it, with the study's tolerances."""
+    kinds = families(without)
+    wanted = kinds[SMOOTH] if family == SMOOTH else (*kinds[SMOOTH], *kinds[family])
+    found: list[FreeParameter] = []
+    added: dict[str, Effect] = {}
+    for kind in wanted:
+        for freedom in _places_of(mechanism, kind):
+            found += [p for p in freedom.parameters if all(p.name != f.name for f in found)]
+            added |= {e.id: e for e in freedom.added}
+    loose = free_parameters(mechanism, (), tolerances)
+    found += [p for p in loose.parameters if all(p.name != f.name for f in found)]
+    added |= {e.id: e for e in loose.added}
+    table = build(mechanism, tuple(added.values())).parameters
+    known = {p.name: p.prior_sd for p in loose.parameters}
+    wide: list[float | None] = []
+    for p in found:
+        row = table[p.addresses[0]]
+        expected = _sd(row.declaration)
+        sd = None if expected is None else max(expected * row.natural, OF_DRAWN * abs(p.start))
+        own = known.get(p.name)
+        wide.append(max(sd, KNOWN_ENOUGH * own) if sd is not None and own is not None else sd)
+    as_causes = [replace(p, prior_sd=sd) for p, sd in zip(found, wide, strict=True)]
+    parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
+    nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
+    return Library(
+        family, parameters, tuple(added.values()), tuple(_candidates(mechanism, wanted, as_causes)), nuisances
+    )
+
+
+def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
+    """The kind everywhere; place by place where it cannot act at all of them."""
+    try:
+        freedom = free_parameters(mechanism, [f"{kind}:*"])
+    except ValueError:
+        return []  # it acts nowhere in this mechanism
+    try:
+        build(mechanism, freedom.added)
+        return [freedom]
+    except ValueError:
+        found = []
+        for on in dict.fromkeys(p.on for p in freedom.parameters):
+            try:
+                one = free_parameters(mechanism, [f"{kind}:{'+'.join(on)}"])
+                build(mechanism, one.added)
+                found.append(one)
+            except ValueError:
+                continue
+        return found
+
+
+def _candidates(
+    mechanism: Mechanism, kinds: Sequence[str], parameters: Sequence[FreeParameter]
+) -> Iterator[Candidate]:
+    for kind in kinds:
+        family = family_of(catalogue()[kind])
+        at: dict[tuple[str, ...], list[int]] = {}
+        for i, p in enumerate(parameters):
+            if p.kind == kind and p.prior_sd is not None:
+                at.setdefault(p.on, []).append(i)
+        for on, rows in at.items():
+            own = tuple(parameters[i] for i in rows)
+            yield Candidate(kind, on, _places(mechanism, on), own, tuple((i,) for i in rows), family)
+        if len(at) < 2:
+            continue
+        alike: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
+        for on, rows in at.items():
+            alike.setdefault(tuple(parameters[i].parameter for i in rows), []).append(on)
+        for ons in alike.values():
+            if len(ons) > 1:
+                takes = tuple(zip(*(at[on] for on in ons), strict=True))
+                own = tuple(replace(parameters[t[0]], label="all") for t in takes)
+                everywhere = tuple(o for on in ons for o in on)
+                yield Candidate(kind, everywhere, _places(mechanism, everywhere), own, takes, family)
+
+
+def _places(mechanism: Mechanism, on: Sequence[str]) -> tuple[str, ...]:
+    """`joint:ID`, `body:ID`, `marker:ID`, `effect:ID`, `camera`, `world`."""
+    groups = {
+        "joint": {j.id for j in mechanism.joints},
+        "body": {b.id for b in mechanism.bodies},
+        "marker": {m.id for m in mechanism.markers},
+        "effect": {e.id for e in mechanism.effects},
+    }
+    named = ((o, next((g for g, ids in groups.items() if o in ids), None)) for o in on)
+    return tuple(o if group is None else f"{group}:{o}" for o, group in named)
+
+
+DEV = {"rad": 0.02, "1": 0.02, "s": 0.05, "m": 0.003, "rad/s": 0.1}
+
+
+def _sd(d):
+    if hasattr(d, "expected"):
+        return d.expected
+    return None if d.by_name or d.size > 1 or d.default is None else DEV.get(d.unit, 0.05)

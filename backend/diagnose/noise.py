@@ -1,0 +1,166 @@
+"""What of a record is noise: its size, its memory from one sample to the next, and samples that are plainly wrong.
+
+All of it from the records themselves, before any model: static frames where there are enough of them, otherwise the
+sigma in the tables or third differences. Wrong samples are those that a cubic through their four neighbours misses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from backend.fit.measured import Measured
+
+ENOUGH = 60  # static samples of one kind of channel: its sd is then known to a tenth, its memory to 0.13
+ALIKE = 1.7  # channels whose noise differs by less share one estimate
+WRONG = 6.0  # robust sd of what a cubic through the neighbours misses
+ROUNDS = 8
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Linear map from the samples of one experiment to independent rows of unit noise.
+
+    keep: samples that count, by channel and time. gain, pull: row = gain (y_i - pull y_previous).
+    """
+
+    keep: Int[np.ndarray, " n"]
+    gain: Float[np.ndarray, " n"]
+    pull: Float[np.ndarray, " n"]
+
+    def __call__(self, rows: Float[np.ndarray, "samples ..."]) -> Float[np.ndarray, "n ..."]:
+        """Rows of unit noise, of samples or of their slopes."""
+        kept = rows[self.keep]
+        before = np.concatenate([np.zeros_like(kept[:1]), kept[:-1]])
+        shape = (-1,) + (1,) * (kept.ndim - 1)
+        return self.gain.reshape(shape) * (kept - self.pull.reshape(shape) * before)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Sd of every sample of every experiment, memory (AR(1) coefficient per sampling interval) and which count."""
+
+    sigma: tuple[Float[np.ndarray, " samples"], ...]
+    memory: dict[str, float]
+    keep: tuple[np.ndarray, ...]
+
+    def whitening(self, data: Measured, run: int, fraction: float = 1.0, scale: float = 1.0) -> Whitening:
+        """Of one experiment, over the first fraction of its record; scale: of all sigmas."""
+        since = data.time_s - data.release_s
+        keep = np.flatnonzero(self.keep[run] & (since <= fraction * since.max()))
+        sigma, time, channel = scale * self.sigma[run][keep], data.time_s[keep], data.channel[keep]
+        gain, pull = 1.0 / sigma, np.zeros(keep.size)
+        for c, of in enumerate(data.channels):
+            rows = np.flatnonzero(channel == c)
+            a = self.memory.get(kind_of(of.at), 0.0)
+            if rows.size < 2 or a == 0.0:
+                continue
+            gaps = np.diff(time[rows])
+            lag = a ** np.maximum(gaps / np.median(gaps), 0.5)
+            pull[rows[1:]] = lag * sigma[rows[1:]] / sigma[rows[:-1]]
+            gain[rows[1:]] /= np.sqrt(1.0 - lag**2)
+        return Whitening(keep, gain, pull)
+
+
+def kind_of(at: str) -> str:
+    """`marker` or `joint`."""
+    return at.partition(":")[0]
+
+
+def estimate(data: Sequence[Measured]) -> Noise:
+    """From all experiments of a study together."""
+    keep = tuple(good_samples(d) for d in data)
+    sigma = [d.sigma.copy() for d in data]
+    memory: dict[str, float] = {}
+    for kind in {kind_of(c.at) for d in data for c in d.channels}:
+        still = [
+            (i, c, rows)
+            for i, d in enumerate(data)
+            for c, channel in enumerate(d.channels)
+            if kind_of(channel.at) == kind
+            and (rows := np.flatnonzero((d.channel == c) & d.still & keep[i])).size >= 5
+        ]
+        if sum(rows.size for *_, rows in still) < ENOUGH:
+            continue
+        series = [data[i].value[rows] - data[i].value[rows].mean() for i, _, rows in still]
+        a = memory[kind] = _memory(series)
+        names = {data[i].channels[c].at + data[i].channels[c].coordinate for i, c, _ in still}
+        own = {
+            name: _sd([s for s, (i, c, _) in zip(series, still, strict=True) if _name(data[i], c) == name], a)
+            for name in names
+        }
+        alike = max(own.values()) < ALIKE * min(own.values())
+        shared = _sd(series, a)
+        for i, d in enumerate(data):
+            for c, channel in enumerate(d.channels):
+                if kind_of(channel.at) == kind and channel.noise != "given":
+                    sigma[i][d.channel == c] = shared if alike else own.get(_name(d, c), shared)
+    return Noise(tuple(sigma), memory, keep)
+
+
+def _name(data: Measured, channel: int) -> str:
+    return data.channels[channel].at + data.channels[channel].coordinate
+
+
+def _memory(series: Sequence[np.ndarray]) -> float:
+    """AR(1) coefficient of short series; each is too small by (1 + 4 a) / n (Marriott and Pope 1954)."""
+    power = sum(float(s @ s) for s in series)
+    if power == 0.0:
+        return 0.0
+    a = sum(float(s[1:] @ s[:-1]) * s.size / (s.size - 1) for s in series) / power
+    n = float(np.mean([s.size for s in series]))
+    a = (a + 1.0 / n) / (1.0 - 4.0 / n)
+    sd = 1.0 / np.sqrt(sum(s.size for s in series))
+    return float(np.clip(a, -0.5, 0.97)) if abs(a) > 2.0 * sd else 0.0
+
+
+def _sd(series: Sequence[np.ndarray], a: float) -> float:
+    """Sd of an AR(1) series about an unknown mean each: the mean takes away more than one sample's worth."""
+    power = sum(float(s @ s) for s in series)
+    free = sum(s.size - _mean_takes(s.size, a) for s in series)
+    return float(np.sqrt(power / max(free, 1.0)))
+
+
+def _mean_takes(n: int, a: float) -> float:
+    lags = np.arange(1, n)
+    return float(1.0 + 2.0 * np.sum((1.0 - lags / n) * a**lags)) if a else 1.0
+
+
+def good_samples(data: Measured) -> np.ndarray:
+    """Samples (mask) that fit between their neighbours."""
+    good = np.isfinite(data.value)
+    for c in range(len(data.channels)):
+        rows = np.flatnonzero((data.channel == c) & good)
+        for _ in range(ROUNDS):
+            if rows.size < 9:
+                break
+            miss, at = _missed_by_neighbours(data.time_s[rows], data.value[rows])
+            width = 1.4826 * np.median(np.abs(miss))
+            floor = 0.7 * np.median(data.sigma[rows])
+            size = np.abs(miss) / max(width, floor, 1e-300)
+            worst = np.array([size[max(i - 2, 0) : i + 3].max() for i in range(size.size)])
+            out = (size > WRONG) & (size >= worst)
+            if not out.any() or out.mean() > 0.1:
+                break
+            good[rows[at[out]]] = False
+            rows = np.delete(rows, at[out])
+    return good
+
+
+def _missed_by_neighbours(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Value minus the cubic through two neighbours on each side, in units of its own noise gain; indices."""
+    at = np.arange(2, time.size - 2)
+    near = at[:, None] + np.array([-2, -1, 1, 2])
+    t = time[near] - time[at][:, None]
+    t = t / np.maximum(np.abs(t).max(1, keepdims=True), 1e-300)
+    weights = np.ones_like(t)
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                gap = t[:, i] - t[:, j]
+                weights[:, i] *= np.where(gap == 0, 0.0, -t[:, j] / np.where(gap == 0, 1.0, gap))
+    miss = value[at] - np.sum(weights * value[near], 1)
+    return miss / np.sqrt(1.0 + np.sum(weights**2, 1)), at

@@ -1,0 +1,136 @@
+"""One experiment under any choice of candidates, without compiling anew: few numbers move, the library stands still.
+
+Slopes are taken forward, a fixed number of directions at a time, so that one compiled program serves the baseline,
+every candidate, every pair and the unknown forces alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from backend.fit.prediction import Addresses, Setting, predict
+from backend.fit.run import Run
+from backend.simulate.record import Record
+
+AT_ONCE = 8  # directions
+
+
+@partial(jax.jit, static_argnames="addresses")
+def sensitivities(
+    setting: Setting,
+    bumps: Float[Array, "steps waves"],
+    addresses: Addresses,
+    step_s: Float[Array, ""],
+    x: Float[Array, " x"],
+    directions: Float[Array, "k x"],
+    waves: Float[Array, "k waves drives"],
+) -> tuple[Float[Array, " samples"], Float[Array, "samples k"], Array]:
+    """Prediction at x, its derivative along k directions of x and of unknown drives, and the samples it was lost for.
+
+    bumps: shapes in time of the drives; `waves` says how much of each enters which drive.
+    """
+
+    def seen(x, wave):
+        if setting.record is None:
+            return predict(setting, addresses, step_s, x)
+        values = setting.record.values + bumps @ wave
+        record = eqx.tree_at(lambda r: r.values, setting.record, values)
+        return predict(eqx.tree_at(lambda s: s.record, setting, record), addresses, step_s, x)
+
+    def along(direction, wave):
+        return jax.jvp(seen, (x, jnp.zeros_like(wave)), (direction, wave))
+
+    (value, lost), (slope, _) = jax.vmap(along, out_axes=((None, None), (1, None)))(directions, waves)
+    return value, slope, lost
+
+
+@dataclass
+class Probe(Run):
+    """An experiment in which `few` numbers are tied to the library's parameters, which otherwise keep `neutral`.
+
+    bumps: (steps, waves) of the unknown drives, the last columns of the setting's record.
+    """
+
+    neutral: Float[np.ndarray, " all"] = field(default_factory=lambda: np.zeros(0))
+    bumps: Float[np.ndarray, "steps waves"] = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def choose(self, ties: Float[np.ndarray, "all few"], neutral: Float[np.ndarray, " all"] | None = None) -> Probe:
+        """The same experiment with other numbers free."""
+        neutral = self.neutral if neutral is None else neutral
+        made = replace(self, ties=ties, neutral=np.where(ties.any(1), 0.0, neutral), _last=None)
+        made.__dict__["setting"] = self.setting
+        return made
+
+    def every(self, values: np.ndarray) -> np.ndarray:
+        """The value at every address."""
+        return self.neutral if self.ties is None else self.neutral + self.ties @ values
+
+    def predict(self, values: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Predicted samples and their derivative in (values, own); NaN from where the motion is lost."""
+        x = self._x(values, own)
+        if self._last is not None and np.array_equal(self._last[0], x):
+            return self._last[1]
+        ties = np.zeros((self.neutral.size, 0)) if self.ties is None else self.ties
+        few = ties.shape[1]
+        directions = np.zeros((few + self.unknowns, x.size))
+        directions[:few, : ties.shape[0]] = ties.T
+        directions[few:, ties.shape[0] :] = np.eye(self.unknowns, x.size - ties.shape[0])
+        made = self.along(x, directions)
+        self._last = x, made
+        return made
+
+    def all_slopes(self, values: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """(samples, all): derivative in every parameter of the library."""
+        x = self._x(values, own)
+        return self.along(x, np.eye(self.neutral.size, x.size))[1]
+
+    def drive_slopes(self, values: np.ndarray, own: np.ndarray, drives: int) -> np.ndarray:
+        """(samples, drives, waves): response to each unknown drive, the last `drives` columns of the record."""
+        x, waves = self._x(values, own), self.bumps.shape[1]
+        every = self.setting.record.values.shape[1] if self.setting.record is not None else 0
+        wave = np.zeros((drives * waves, waves, every))
+        for d in range(drives):
+            wave[d * waves + np.arange(waves), np.arange(waves), every - drives + d] = 1.0
+        made = self.along(x, np.zeros((drives * waves, x.size)), wave)[1]
+        return made.reshape(made.shape[0], drives, waves)
+
+    def along(
+        self, x: np.ndarray, directions: np.ndarray, waves: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(samples), (samples, k): prediction and slopes, `AT_ONCE` directions at a time."""
+        n, k = self.data.time_s.size, directions.shape[0]
+        record = self.setting.record
+        none = np.zeros((k, self.bumps.shape[1], 0 if record is None else record.values.shape[1]))
+        waves = none if waves is None else waves
+        seen, lost, slopes = np.zeros(n), np.zeros(n, bool), np.zeros((n, k))
+        bumps, step = jnp.asarray(self.bumps), jnp.asarray(self.step_s)
+        for first in range(0, max(k, 1), AT_ONCE):
+            part = slice(first, min(first + AT_ONCE, k))
+            d, w = np.zeros((AT_ONCE, x.size)), np.zeros((AT_ONCE, *waves.shape[1:]))
+            d[: part.stop - first], w[: part.stop - first] = directions[part], waves[part]
+            value, slope, gone = sensitivities(
+                self.setting, bumps, self.addresses, step, jnp.asarray(x), jnp.asarray(d), jnp.asarray(w)
+            )
+            seen, lost = np.asarray(value[:n]), np.asarray(gone[:n])
+            slopes[:, part] = np.asarray(slope[:n])[:, : part.stop - first]
+        return np.where(lost, np.nan, seen), slopes
+
+    def _x(self, values: np.ndarray, own: np.ndarray) -> np.ndarray:
+        rates = own[self.mobility :] if self.moving else np.zeros(self.mobility)
+        return np.concatenate([self.every(values), own[: self.mobility], rates])
+
+
+def with_drives(record: Record | None, steps: int, addresses: tuple[tuple[str, str], ...]) -> Record:
+    """A record that also drives `addresses`, by nothing yet."""
+    if record is None:
+        return Record(jnp.zeros((steps + 1, len(addresses))), addresses)
+    none = jnp.zeros((record.values.shape[0], len(addresses)))
+    return Record(jnp.concatenate([record.values, none], 1), (*record.addresses, *addresses))

@@ -1,0 +1,100 @@
+"""All candidates at once, to first order: how much of the misfit each could take away."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.library import Candidate
+from backend.diagnose.subject import Subject
+
+DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class Screen:
+    """Signatures about a fit, with what the fit's own numbers can imitate taken out.
+
+    S: (n, all) whitened slopes in every parameter of the library. r: what is left over, projected alike.
+    """
+
+    subject: Subject
+    fitted: Fitted
+    S: Float[np.ndarray, "n all"]
+    r: Float[np.ndarray, " n"]
+
+    def rescaled(self, scale: float) -> Screen:
+        """The same, had all sigmas been larger by `scale`."""
+        return replace(self, S=self.S / scale, r=self.r / scale)
+
+    def signature(self, candidate: Candidate) -> Float[np.ndarray, "n own"]:
+        """Projected response to the candidate's numbers."""
+        return self.S @ candidate.ties(self.S.shape[1])
+
+    def gain(self, candidate: Candidate) -> float:
+        """b' (S' P⊥ S + Λ)⁻¹ b: twice the log likelihood that it would gain to first order."""
+        S = self.signature(candidate)
+        b, H = S.T @ self.r, S.T @ S + np.diag(candidate.prior_sd**-2.0)
+        step = np.linalg.solve(H, b)
+        if candidate.one_sided.any() and np.any(step[candidate.one_sided] < 0) and len(step) == 1:
+            return 0.0
+        return float(b @ step)
+
+    def guess(self, candidate: Candidate) -> dict[str, float]:
+        """First-order values of the candidate's numbers, by name."""
+        S = self.signature(candidate)
+        step = np.linalg.solve(S.T @ S + np.diag(candidate.prior_sd**-2.0), S.T @ self.r)
+        step = np.clip(step, -3 * candidate.prior_sd, 3 * candidate.prior_sd)
+        return {
+            p.name: float(np.clip(p.start + d, p.lower, p.upper))
+            for p, d in zip(candidate.parameters, step, strict=True)
+        }
+
+    def ranking(self, candidates: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
+        """Largest gain first."""
+        gains = [(c, self.gain(c)) for c in candidates]
+        return sorted(gains, key=lambda pair: -pair[1])
+
+    def detectable(self, candidate: Candidate) -> Float[np.ndarray, " own"]:
+        """Smallest amplitude of each number that would stand out of the noise, at four of its sd."""
+        S = self.signature(candidate)
+        size = np.linalg.norm(S, axis=0)
+        return 4.0 / np.maximum(size, 1e-300)
+
+    def p_value(self, candidates: Sequence[Candidate], rng: np.random.Generator) -> float:
+        """Probability that noise alone gives any candidate as large a gain as the largest here."""
+        # Noise in the span of all signatures has their Gram matrix as its covariance: no draw of whole records is needed.
+        G = self.S.T @ self.S
+        w, V = np.linalg.eigh(G)
+        draws = (rng.standard_normal((DRAWS, w.size)) * np.sqrt(np.maximum(w, 0.0))) @ V.T
+        largest, seen = np.zeros(DRAWS), 0.0
+        for c in candidates:
+            T = c.ties(self.S.shape[1])
+            H = T.T @ G @ T + np.diag(c.prior_sd**-2.0)
+            b = draws @ T
+            step = np.linalg.solve(H, b.T).T
+            gain = np.sum(b * step, 1)
+            if len(c.parameters) == 1 and c.one_sided[0]:
+                gain = np.where(step[:, 0] < 0, 0.0, gain)
+            largest = np.maximum(largest, gain)
+            seen = max(seen, self.gain(c))
+        return float((1.0 + np.sum(largest >= seen)) / (DRAWS + 1.0))
+
+
+def screen(subject: Subject, fitted: Fitted) -> Screen:
+    """One sweep of forward sensitivities about a fit."""
+    seer = Seer(subject, fitted.probes, fitted.fraction)
+
+    def one(i: int) -> np.ndarray:
+        return seer.white[i](np.nan_to_num(fitted.probes[i].all_slopes(fitted.values, fitted.own(i))))
+
+    S = np.concatenate(subject.over(one, range(len(fitted.probes))))
+    taken = set(np.flatnonzero(fitted.choice.ties.any(1)).tolist())
+    H = np.linalg.pinv(fitted.information, hermitian=True)
+    S = S - fitted.J @ (H @ (fitted.J.T @ S))
+    S[:, sorted(taken)] = 0.0
+    return Screen(subject, fitted, S, fitted.r - fitted.J @ (H @ (fitted.J.T @ fitted.r)))

@@ -1,0 +1,120 @@
+"""How much of the gap a cause takes away where it was not fitted: on held-out experiments, started from their own first
+frames alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from backend.diagnose.fitted import Fitted
+from backend.diagnose.noise import Noise
+from backend.diagnose.probe import Probe
+from backend.diagnose.subject import Subject
+
+BLOCKS = 6  # of a run: longer than the memory of any residual that a bootstrap should keep
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Test:
+    """One experiment under frozen values. miss: measured - predicted, samples that count. allowed: variance that noise,
+    the uncertain start and the uncertain values give each sample.
+    """
+
+    probe: Probe
+    keep: np.ndarray
+    miss: Float[np.ndarray, " n"]
+    allowed: Float[np.ndarray, " n"]
+    sigma: Float[np.ndarray, " n"]
+    predicted: Float[np.ndarray, " samples"]
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Samples in motion; a motion that was lost counts by what was lost."""
+        return ~self.probe.data.still[self.keep]
+
+
+def tests(subject: Subject, fitted: Fitted, scale: float = 1.0) -> list[Test]:
+    """All held-out experiments."""
+    few = fitted.count
+    C = fitted.covariance[:few, :few] * scale**2
+
+    def one(i: int) -> Test:
+        probe = subject.held_out[i].choose(fitted.choice.ties, subject.neutral)
+        return _test(probe, subject.held_noise, i, fitted.values, C, scale)
+
+    return subject.over(one, range(len(subject.held_out)))
+
+
+def _test(probe: Probe, noise: Noise, i: int, values: np.ndarray, C: np.ndarray, scale: float) -> Test:
+    keep = np.flatnonzero(noise.keep[i])
+    own = probe.settle(values)
+    seen, slope = probe.predict(values, own)
+    sigma = scale * noise.sigma[i][keep]
+    since = probe.since_release_s[keep]
+    early = since <= probe.experiment.release.window_s if probe.moving else probe.data.still[keep]
+    early = early if np.any(early) else since <= since.min()
+    J = slope[keep]
+    A = J[early][:, values.size :] / sigma[early][:, None]
+    start = np.linalg.pinv(A.T @ A, hermitian=True) if A.shape[1] else np.zeros((0, 0))
+    allowed = sigma**2
+    if values.size:
+        allowed = allowed + np.einsum("ij,jk,ik->i", J[:, : values.size], C, J[:, : values.size])
+    if start.size:
+        allowed = allowed + np.einsum("ij,jk,ik->i", J[:, values.size :], start, J[:, values.size :])
+    return Test(probe, keep, probe.data.value[keep] - seen[keep], allowed, sigma, seen)
+
+
+def gap_power(made: Sequence[Test]) -> Float[np.ndarray, "blocks 3"]:
+    """Per block of time of every experiment: sum of squared misses, of noise variances [m² or rad²], and samples."""
+    blocks = []
+    for t in made:
+        since = t.probe.since_release_s[t.keep]
+        end = max(float(since.max()), 1e-12)
+        at = np.clip((BLOCKS * since / end).astype(int), 0, BLOCKS - 1)
+        for b in range(BLOCKS):
+            rows = t.moving & (at == b) & np.isfinite(t.miss)
+            if rows.any():
+                blocks.append([np.sum(t.miss[rows] ** 2), np.sum(_floor(t, rows)), rows.sum()])
+    return np.array(blocks).reshape(-1, 3)
+
+
+def _floor(t: Test, rows: np.ndarray) -> np.ndarray:
+    # A start that a chaotic motion blows up must not excuse everything: ten times the noise at most.
+    return np.minimum(t.allowed[rows], 100.0 * t.sigma[rows] ** 2)
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """Rms before, after and of noise [m, or rad], and the explained fraction of the gap's power with its 95% interval;
+    null where there was no gap to explain.
+    """
+
+    before: float
+    after: float
+    noise: float
+    explained: float | None
+    ci95: tuple[float, float] | None
+    excess_upper: float
+    """Upper 97.5% limit of what remains beyond the noise, rms [m or rad]."""
+
+
+def shrinkage(before: Sequence[Test], after: Sequence[Test], rng: np.random.Generator) -> Shrinkage:
+    """Of two models on the same held-out experiments, by a bootstrap over blocks of time."""
+    a, b = gap_power(before), gap_power(after)
+    pick = rng.integers(0, len(a), (RESAMPLES, len(a)))
+    first = np.array([a[p, 0].sum() - a[p, 1].sum() for p in pick])
+    later = np.array([b[p, 0].sum() - b[p, 1].sum() for p in pick])
+    count = a[:, 2].sum()
+    gap, rest = a[:, 0].sum() - a[:, 1].sum(), b[:, 0].sum() - b[:, 1].sum()
+    upper = float(np.sqrt(max(np.quantile(later, 0.975), 0.0) / count))
+    rms = [float(np.sqrt(x / count)) for x in (a[:, 0].sum(), b[:, 0].sum(), a[:, 1].sum())]
+    if gap <= 0.0 or np.quantile(first, 0.025) <= 0.0:
+        return Shrinkage(*rms, None, None, upper)
+    fraction = 1.0 - later / np.where(first > 0, first, np.nan)
+    low, high = np.nanquantile(fraction, [0.025, 0.975])
+    return Shrinkage(*rms, float(min(1.0 - rest / gap, 1.0)), (float(low), float(min(high, 1.0))), upper)

@@ -1,0 +1,142 @@
+"""A study ready for questions: its experiments with their noise, under one family of the library."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from backend.diagnose.library import Candidate, Library
+from backend.diagnose.noise import Noise, estimate
+from backend.diagnose.probe import Probe, with_drives
+from backend.fit.free import FreeParameter
+from backend.fit.prediction import addresses_of
+from backend.mechanism.effect import Effect
+from backend.mechanism.joint import WITHOUT_COORDINATE
+from backend.mechanism.study import Study
+from backend.model.build import build
+from backend.model.model import Address, Model
+
+UNKNOWN = "unknown@"  # ids of the drives that stand for what is not in the library
+WAVES = (12, 48)  # fewest and most bumps in time of an unknown drive
+PER_TIME = 1.6  # natural times between bumps
+ALL_WAVES = 512  # joints times bumps
+Item = TypeVar("Item")
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is free: some candidates, beside the study's tolerances. Columns of `ties` follow `parameters`."""
+
+    candidates: tuple[Candidate, ...]
+    parameters: tuple[FreeParameter, ...]
+    ties: Float[np.ndarray, "all few"]
+    prior_sd: Float[np.ndarray, " few"]
+
+    @property
+    def name(self) -> str:
+        """Names of the candidates."""
+        return " + ".join(c.name for c in self.candidates) or "nothing"
+
+    @property
+    def own(self) -> int:
+        """How many numbers belong to the candidates; they come first."""
+        return sum(len(c.parameters) for c in self.candidates)
+
+    @property
+    def start(self) -> np.ndarray:
+        """As drawn."""
+        return np.array([p.start for p in self.parameters])
+
+
+@dataclass
+class Subject:
+    """Experiments to learn from and to test on. neutral: every parameter of the library as drawn."""
+
+    library: Library
+    model: Model
+    fit: list[Probe]
+    held_out: list[Probe]
+    noise: Noise
+    held_noise: Noise
+    step_s: float
+    joints: tuple[str, ...]
+    scale: float = 1.0
+    """Of all sigmas: larger than 1 where the records turn out noisier than said."""
+    _screens: dict = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def neutral(self) -> np.ndarray:
+        """As drawn."""
+        return np.array([p.start for p in self.library.parameters])
+
+    def choose(self, *candidates: Candidate) -> Choice:
+        """Free these candidates and the tolerances that none of them takes."""
+        count = len(self.library.parameters)
+        taken = {i for c in candidates for t in c.takes for i in t}
+        rest = [i for i in self.library.nuisances if i not in taken]
+        parameters = [p for c in candidates for p in c.parameters] + [self.library.parameters[i] for i in rest]
+        ties = [c.ties(count) for c in candidates] + [np.eye(count)[:, [i]] for i in rest]
+        sd = np.array([p.prior_sd for p in parameters], float)
+        return Choice(tuple(candidates), tuple(parameters), np.concatenate([np.zeros((count, 0)), *ties], 1), sd)
+
+    def over(self, work: Callable[[Item], Made], items: Sequence[Item]) -> list[Made]:
+        """One after the other on each core."""
+        with ThreadPoolExecutor(max_workers=min(max(len(items), 1), os.cpu_count() or 1)) as pool:
+            return list(pool.map(work, items))
+
+
+def prepare(study: Study, library: Library, step_s: float) -> Subject:
+    """Build the family's model and find where every experiment starts. ValueError names the experiment."""
+    joints = _drivable(study)
+    drives = [Effect(id=UNKNOWN + j, kind="effort_offset", on=(j,), parameters={}) for j in joints]
+    model = build(study.mechanism, (*library.added, *drives))
+    addresses = addresses_of(library.parameters)
+    neutral = np.array([p.start for p in library.parameters])
+    turning = {j.id: j.type != "prismatic" for j in study.mechanism.joints}
+    driven: tuple[Address, ...] = tuple((UNKNOWN + j, "torque_n_m" if turning[j] else "force_n") for j in joints)
+
+    def probe(experiment) -> Probe:
+        given = {(e, p) for e, values in experiment.overrides.items() for p in values}
+        own = tuple(tuple(a for a in group if a not in given) for group in addresses)
+        return Probe.of(experiment, model, own, step_s)
+
+    fit, held = [probe(e) for e in study.fit], [probe(e) for e in study.held_out]
+    frame = tuple(max(sizes) for sizes in zip(*(p.frame for p in (*fit, *held)), strict=True))
+    waves = int(np.clip(max(p.duration_s for p in fit) / (PER_TIME * model.scale.time_s), *WAVES))
+    waves = max(min(waves, ALL_WAVES // max(len(joints), 1)), 4)
+    for p in (*fit, *held):
+        p.neutral, p.bumps = neutral, bumps(frame[0], step_s, p.duration_s, waves)
+        setting = p.framed(*frame)
+        p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))
+    noise = estimate([p.data for p in (*fit, *held)])
+    parts = [Noise(noise.sigma[a:b], noise.memory, noise.keep[a:b]) for a, b in ((0, len(fit)), (len(fit), None))]
+    return Subject(library, model, fit, held, parts[0], parts[1], step_s, joints)
+
+
+def bumps(steps: int, step_s: float, duration_s: float, waves: int) -> Float[np.ndarray, "nodes waves"]:
+    """Smooth bumps in time, evenly spaced over a record, as wide as 0.7 of their spacing."""
+    time = step_s * np.arange(steps + 1)
+    centre, spacing = wave_centres(duration_s, waves)
+    return np.exp(-0.5 * ((time[:, None] - centre) / (0.7 * spacing)) ** 2)
+
+
+def wave_centres(duration_s: float, waves: int) -> tuple[np.ndarray, float]:
+    """Where in time the bumps stand, and how far apart [s]."""
+    return np.linspace(0.0, duration_s, waves), duration_s / (waves - 1)
+
+
+def _drivable(study: Study) -> tuple[str, ...]:
+    held = {e.on[0] for e in study.mechanism.effects if e.kind == "prescribed_motion" and e.on != "all"}
+    types = ("revolute", "prismatic", "cylindrical", "planar")
+    return tuple(
+        j.id for j in study.mechanism.joints
+        if j.type in types and j.type not in WITHOUT_COORDINATE and j.id not in held
+    )  # fmt: skip

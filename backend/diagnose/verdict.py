@@ -1,0 +1,198 @@
+"""gap.json from what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from backend.diagnose.adequacy import scaled
+from backend.diagnose.belief import Belief
+from backend.diagnose.fitted import Fitted
+from backend.diagnose.screen import Screen
+from backend.diagnose.shrink import Shrinkage
+from backend.diagnose.subject import Subject
+from backend.diagnose.where import MissingForce, joint_gaps, locations, marker_gaps
+from backend.diagnose.which import Cause
+from backend.mechanism.gap_report import (
+    Amount,
+    CauseEffect,
+    CauseSet,
+    Detectable,
+    GapReport,
+    HeldOut,
+    Location,
+    NextExperiment,
+    Remainder,
+    Shrink,
+    Verdict,
+    Where,
+)
+
+MOST_CAUSES = 12
+
+
+def make_report(
+    verdict: Verdict,
+    subject: Subject,
+    baseline: Cause,
+    best: Cause,
+    belief: Belief,
+    about: Screen,
+    aliases: Mapping[tuple[str, ...], list[list[str]]],
+    model_free: Mapping[str, float],
+    missing: MissingForce | None,
+    shrunk: Shrinkage | None,
+    scale: float,
+    softness: float,
+    p: float,
+    following: NextExperiment | None,
+    warnings: Sequence[str],
+    tolerance_m: float | None,
+    wall_s: float,
+) -> GapReport:
+    """Everything that was found, in the words of the file format."""
+    none, unknown, chances = _chances(verdict, belief, shrunk)
+    listed = belief.causes[:MOST_CAUSES] if verdict != "none" else belief.causes[:3]
+    reported = set(belief.reported)
+    left = 1.0 - none - unknown
+    shown = np.array([chances[i] for i in range(len(listed))])
+    shown = shown * (left / shown.sum()) if shown.size and shown.sum() > 0 else shown
+    causes = [
+        CauseSet(
+            effects=_effects(c, scale, softness), probability=float(q), log_evidence=float(c.log_z),
+            indistinguishable_from=list(aliases.get(c.names, [])),
+            adequate=verdict in ("identified", "ambiguous") and i in reported,
+        )
+        for i, (c, q) in enumerate(zip(listed, shown, strict=True))
+    ]  # fmt: skip
+    if not causes:
+        none, unknown = (1.0, 0.0) if verdict == "none" else (0.0, 1.0)
+    weighed = Belief(tuple(listed), shown, belief.log_z[: len(listed)], none, unknown)
+    fitted_gap = _fit_remainder(subject, baseline, best, scale)
+    return GapReport(
+        verdict=verdict,
+        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported)),
+        where=Where(
+            locations=locations(weighed, model_free) if verdict != "none" else [],
+            phases=missing.phases() if missing and verdict != "none" else [],
+            markers=marker_gaps(subject, baseline.fitted, scale),
+            joints=joint_gaps(subject, baseline.fitted, scale),
+            model_free=[Location(at=k, probability=v) for k, v in sorted(model_free.items(), key=lambda x: -x[1])],
+        ),
+        causes=causes,
+        probability_none=none,
+        probability_unknown=unknown,
+        p_value=p,
+        shrink=Shrink(held_out=_held_out(shrunk), fit=fitted_gap, unit=_unit(subject)),
+        detectable=_detectable(subject, about, scale),
+        next_experiment=following,
+        warnings=list(warnings),
+        tolerance_m=tolerance_m,
+        wall_s=wall_s,
+    )
+
+
+APPROXIMATE_UNKNOWN = 0.3  # what is missing besides a form that removes most of the gap
+AT_LEAST_UNKNOWN = 0.9
+
+
+def _chances(verdict: Verdict, belief: Belief, shrunk: Shrinkage | None) -> tuple[float, float, np.ndarray]:
+    """Probability of none, of unknown, and shares of the causes."""
+    if verdict == "none":
+        return max(belief.none, 0.5), min(belief.unknown, 0.05), belief.probability
+    if verdict == "unknown":
+        return 0.0, max(belief.unknown, AT_LEAST_UNKNOWN), belief.probability
+    if verdict == "approximate":
+        left = 1.0 - shrunk.explained if shrunk and shrunk.explained is not None else 0.1
+        return 0.0, float(np.clip(np.sqrt(max(left, 0.0)), 0.1, APPROXIMATE_UNKNOWN)), belief.probability
+    return min(belief.none, 0.5), min(max(belief.unknown, 0.005), 0.5), belief.probability
+
+
+def _effects(cause: Cause, scale: float, softness: float) -> list[CauseEffect]:
+    sd = np.sqrt(np.maximum(np.diag(scaled(cause.fitted, scale / np.sqrt(softness)).covariance), 0.0))
+    found, at = [], 0
+    for c in cause.candidates:
+        numbers = {}
+        for p in c.parameters:
+            value, wide = float(cause.fitted.values[at]), float(sd[at])
+            numbers[p.parameter] = Amount(
+                value=value, sd=wide, unit=p.unit,
+                ci95=(float(max(value - 1.96 * wide, p.lower)), float(min(value + 1.96 * wide, p.upper))),
+            )  # fmt: skip
+            at += 1
+        found.append(CauseEffect(kind=c.kind, on=list(c.on), parameters=numbers))
+    return found
+
+
+def _unit(subject: Subject) -> str:
+    units = {c.unit for p in subject.fit for c in p.data.channels}
+    return "m" if "m" in units else "rad"
+
+
+def _fit_remainder(subject: Subject, baseline: Cause, best: Cause, scale: float) -> Remainder | None:
+    if baseline.fitted.fraction != best.fitted.fraction:
+        return None
+    before, noise = _rms(subject, baseline.fitted, scale)
+    after, _ = _rms(subject, best.fitted, scale)
+    return Remainder(before_rms_m=before, after_rms_m=after, noise_rms_m=noise)
+
+
+def _rms(subject: Subject, fitted: Fitted, scale: float) -> tuple[float, float]:
+    miss, noise, count = 0.0, 0.0, 0
+    unit = _unit(subject)
+    for i, probe in enumerate(fitted.probes):
+        seen, _ = probe.predict(fitted.values, fitted.own(i))
+        units = np.array([c.unit for c in probe.data.channels])[probe.data.channel]
+        rows = subject.noise.keep[i] & ~probe.data.still & (units == unit) & np.isfinite(seen)
+        miss += float(np.sum((probe.data.value - seen)[rows] ** 2))
+        noise += float(np.sum((scale * subject.noise.sigma[i][rows]) ** 2))
+        count += int(rows.sum())
+    return float(np.sqrt(miss / max(count, 1))), float(np.sqrt(noise / max(count, 1)))
+
+
+def _held_out(shrunk: Shrinkage | None) -> HeldOut | None:
+    if shrunk is None:
+        return None
+    return HeldOut(
+        before_rms_m=shrunk.before, after_rms_m=shrunk.after, noise_rms_m=shrunk.noise,
+        explained_fraction=shrunk.explained, explained_fraction_ci95=shrunk.ci95,
+    )  # fmt: skip
+
+
+def _detectable(subject: Subject, about: Screen, scale: float) -> list[Detectable]:
+    found = []
+    for c in subject.library.candidates:
+        if len(c.on) == 1:
+            for p, least in zip(c.parameters, scale * about.detectable(c), strict=True):
+                if least < 1e3 * p.prior_sd:
+                    found.append(
+                        Detectable(kind=c.kind, on=list(c.on), parameter=p.parameter, minimum=float(least), unit=p.unit)
+                    )
+    return found
+
+
+def _sentence(verdict: Verdict, causes: Sequence[CauseSet], places: Sequence[Location], shrunk, reported: int) -> str:
+    if verdict == "none":
+        return "The drawing explains the measurements to within their noise: these data show no gap."
+    named = " and ".join(_named(e) for e in causes[0].effects) if causes else ""
+    share = ""
+    if shrunk is not None and shrunk.explained is not None:
+        share = f" It explains {100 * shrunk.explained:.1f}% of the gap on experiments it was not fitted to."
+    if verdict == "identified":
+        return f"The gap is {named}.{share}"
+    if verdict == "ambiguous":
+        return (
+            f"The gap is {named}, or one of {reported - 1} other explanation(s) that these data cannot tell from it."
+            f"{share}"
+        )
+    if verdict == "approximate":
+        return f"The gap is nearly {named}, but something else is missing too.{share}"
+    where = f", most probably at {places[0].at}" if places else ""
+    return f"Something real is missing from the drawing{where}, and no effect of the library explains it."
+
+
+def _named(effect: CauseEffect) -> str:
+    on = list(effect.on) if not isinstance(effect.on, str) else [effect.on]
+    place = on[0] if len(on) == 1 else f"all of {', '.join(on[:4])}{'...' if len(on) > 4 else ''}"
+    return f"{effect.kind.replace('_', ' ')} at {place}"

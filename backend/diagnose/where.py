@@ -1,0 +1,127 @@
+"""Where the gap lies, whatever causes it: unknown forces at one joint, or shifts of one marker or the whole picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from backend.diagnose.adequacy import scaled
+from backend.diagnose.belief import Belief
+from backend.diagnose.fitted import Fitted
+from backend.diagnose.latent import SIZES, Latent, evidence, mean_over_sizes, posterior
+from backend.diagnose.subject import Subject, wave_centres
+from backend.mechanism.gap_report import JointGap, Location, MarkerGap, Phase
+
+LOUD = 3.0  # sd: what of a missing force is told as a stretch of time
+MOST = 8  # stretches
+
+
+def place_evidence(fitted: Fitted, latent: Latent, scale: float) -> dict[str, float]:
+    """Log evidence of unknown forces or shifts at each place alone."""
+    own = scaled(fitted, scale)
+    return {p: mean_over_sizes(evidence(own, latent.scaled(p) / scale)) for p in latent.places}
+
+
+def shares(log_z: Mapping[str, float]) -> dict[str, float]:
+    """Probabilities of places, equally believed before."""
+    if not log_z:
+        return {}
+    z = np.array(list(log_z.values()))
+    p = np.exp(z - z.max())
+    return dict(zip(log_z, (p / p.sum()).tolist(), strict=True))
+
+
+def locations(belief: Belief, model_free: Mapping[str, float]) -> list[Location]:
+    """Places of the causes by their probabilities; what is unknown goes where the model-free map says."""
+    found: dict[str, float] = {}
+    known = float(belief.probability.sum())
+    for cause, p in zip(belief.causes, belief.probability, strict=True):
+        places = [at for c in cause.candidates for at in c.places]
+        for at in places:
+            found[at] = found.get(at, 0.0) + float(p) / len(places)
+    rest = 1.0 - known if model_free else 0.0
+    for at, p in model_free.items():
+        found[at] = found.get(at, 0.0) + rest * p
+    total = sum(found.values())
+    ranked = sorted(found.items(), key=lambda pair: -pair[1])
+    return [Location(at=at, probability=p / total) for at, p in ranked if total > 0 and p / total > 1e-6]
+
+
+class MissingForce:
+    """Unknown force at one joint against time, in each experiment [N m or N], with its sd."""
+
+    def __init__(self, subject: Subject, fitted: Fitted, latent: Latent, joint: str, scale: float):
+        place = f"joint:{joint}"
+        L = latent.scaled(place) / scale
+        own = scaled(fitted, scale)
+        size = float(SIZES[int(np.argmax(evidence(own, L)))])
+        mean, C = posterior(own, L, size)
+        slide = subject.model.topology.joint_types[subject.model.topology.joint_ids.index(joint)] == "prismatic"
+        self.joint, self.unit = joint, "N" if slide else "N m"
+        self.series: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        at, unit = 0, latent.unit[place]
+        counts = _counts(latent.places[place], fitted.rows)
+        for probe, count in zip(fitted.probes, counts, strict=True):
+            time = np.linspace(0.0, probe.duration_s * fitted.fraction, 200)
+            centre, spacing = wave_centres(probe.duration_s, probe.bumps.shape[1])
+            shape = np.exp(-0.5 * ((time[:, None] - centre[:count]) / (0.7 * spacing)) ** 2) * unit
+            part = slice(at, at + count)
+            sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shape, C[part, part], shape), 0.0))
+            self.series[probe.experiment.id] = (time, shape @ mean[part], sd)
+            at += count
+
+    def phases(self) -> list[Phase]:
+        """Stretches in which the missing force stands out of its band."""
+        found = []
+        for experiment, (time, mean, sd) in self.series.items():
+            loud = np.abs(mean) > LOUD * np.maximum(sd, 1e-300)
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], loud.astype(int), [0]])))
+            for a, b in zip(edges[::2], edges[1::2], strict=True):
+                found.append(
+                    Phase(
+                        experiment=experiment, at=f"joint:{self.joint}", start_s=float(time[a]), end_s=float(time[b - 1]),
+                        missing=float(np.mean(mean[a:b])), sd=float(np.mean(sd[a:b])), unit=self.unit,
+                    )
+                )  # fmt: skip
+        return sorted(found, key=lambda p: -abs(p.missing) * (p.end_s - p.start_s))[:MOST]
+
+
+def _counts(L: Float[np.ndarray, "n bumps"], rows: Sequence[slice]) -> list[int]:
+    """Bumps of each experiment: columns that touch its rows."""
+    return [int(np.any(L[r] != 0.0, axis=0).sum()) for r in rows]
+
+
+def marker_gaps(subject: Subject, fitted: Fitted, scale: float) -> list[MarkerGap]:
+    """How far each marker is from its prediction."""
+    return [
+        MarkerGap(marker=at.partition(":")[2], rms_m=rms, noise_m=noise)
+        for at, rms, noise, _ in _channel_gaps(subject, fitted, "marker", scale)
+    ]
+
+
+def joint_gaps(subject: Subject, fitted: Fitted, scale: float) -> list[JointGap]:
+    """The same for encoders."""
+    return [
+        JointGap(joint=at.partition(":")[2], rms=rms, noise=noise, unit=unit)
+        for at, rms, noise, unit in _channel_gaps(subject, fitted, "joint", scale)
+    ]
+
+
+def _channel_gaps(subject: Subject, fitted: Fitted, kind: str, scale: float):
+    sums: dict[str, list] = {}
+    for i, probe in enumerate(fitted.probes):
+        seen, _ = probe.predict(fitted.values, fitted.own(i))
+        keep = subject.noise.keep[i] & ~probe.data.still & np.isfinite(seen)
+        for c, channel in enumerate(probe.data.channels):
+            rows = keep & (probe.data.channel == c)
+            if channel.at.startswith(kind + ":") and channel.coordinate != "effort" and rows.any():
+                total = sums.setdefault(channel.at, [0.0, 0.0, 0, channel.unit, set()])
+                total[0] += float(np.sum((probe.data.value - seen)[rows] ** 2))
+                total[1] += float(np.sum((scale * subject.noise.sigma[i][rows]) ** 2))
+                total[2] += int(rows.sum())
+                total[4].add(channel.coordinate)
+    for at, (miss, noise, count, unit, axes) in sums.items():
+        # Distances: both coordinates of a marker together.
+        yield at, float(np.sqrt(miss / count * len(axes))), float(np.sqrt(noise / count * len(axes))), unit

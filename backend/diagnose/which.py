@@ -1,0 +1,163 @@
+"""Which causes: from the drawing as it is, one effect at a time, as long as the data ask for another.
+
+Each level screens the library about the best sets so far, refits the most promising and weighs them by evidence. A gap
+so wide that the drawing loses the motion is first read over as much of the records as the model can follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from backend.diagnose.fitted import Fitted, fit, log_evidence, start_of
+from backend.diagnose.latent import SIZES, Latent, evidence, responses
+from backend.diagnose.library import Candidate
+from backend.diagnose.screen import Screen, screen
+from backend.diagnose.subject import Choice, Subject
+
+FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
+REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
+BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
+REFITS = 8  # candidates of a level that are refitted
+PARTNERS = 5  # refitted beside each of the best sets
+LEADERS = 3
+ODDS = np.log(20.0)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A set of candidates fitted to the data. log_z: evidence for noise alone; with_unknown: beside unknown forces,
+    by size.
+    """
+
+    fitted: Fitted
+    log_z: float
+    with_unknown: np.ndarray
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Its members."""
+        return self.fitted.choice.candidates
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Sorted names of its members."""
+        return tuple(sorted(c.name for c in self.candidates))
+
+    @property
+    def any_size(self) -> float:
+        """Log evidence where unknown forces may be absent or of any size, half of the belief each."""
+        return float(logsumexp([self.log_z, logsumexp(self.with_unknown) - np.log(SIZES.size)]) - np.log(2.0))
+
+
+@dataclass
+class Search:
+    """One family of the library searched level by level. Everything tried is kept in `tried`, by names."""
+
+    subject: Subject
+    tell: Callable[[str], None]
+    cancelled: Callable[[], bool]
+
+    def __post_init__(self):
+        self.tried: dict[tuple[str, ...], Cause] = {}
+        self.screens: dict[tuple[str, ...], Screen] = {}
+        self.latent: Latent | None = None
+
+    def baseline(self) -> Cause:
+        """The drawing with its tolerances alone, as far into the records as it follows them."""
+        made = self.follow(self.subject.choose())
+        self.latent = responses(self.subject, made)
+        return self._keep(made)
+
+    def follow(self, choice: Choice, start: np.ndarray | None = None) -> Fitted:
+        """Fit over as much of the records as the choice can follow."""
+        x = start_of(self.subject, choice) if start is None else start
+        whole = fit(self.subject, choice, start=x, max_iterations=6)
+        if whole.miss < REACH:
+            return fit(self.subject, choice, start=whole.x)
+        best: Fitted | None = None
+        for fraction in FRACTIONS:
+            made = fit(self.subject, choice, start=x, fractions=(fraction,), max_iterations=8)
+            if best is not None and not made.miss < REACH:
+                break
+            best, x = made, made.x
+        return best or whole
+
+    def level(self, parents: Sequence[Cause], refits: int) -> list[Cause]:
+        """Each parent with one more candidate: the most promising, refitted over what any of them can follow."""
+        made: list[Cause] = []
+        for parent in parents:
+            about = self.screen(parent)
+            free = [c for c in self.subject.library.candidates if _new(c, parent)]
+            promising = about.ranking(free)[:refits]
+            fits: list[Fitted] = []
+            for candidate, gain in promising:
+                if gain <= 0.0 or self.cancelled():
+                    break
+                names = tuple(sorted([*parent.names, candidate.name]))
+                if names in self.tried:
+                    continue
+                self.tell(f"trying {' + '.join(names)}")
+                choice = self.subject.choose(*parent.candidates, candidate)
+                known = dict(zip((p.name for p in parent.fitted.choice.parameters), parent.fitted.values, strict=True))
+                known |= about.guess(candidate)
+                start = start_of(self.subject, choice, known)
+                start[len(choice.parameters) :] = parent.fitted.x[parent.fitted.count :]
+                fits.append(fit(self.subject, choice, start=start, fractions=(parent.fitted.fraction,)))
+            made += [self._keep(f) for f in self._stretch(fits)]
+        return sorted(made, key=lambda c: -c.any_size)
+
+    def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
+        """The same sets over longer records, as far as the best of them follows."""
+        while fits and fits[0].fraction < 1.0:
+            longer = FRACTIONS[FRACTIONS.index(fits[0].fraction) + 1]
+            grown = [fit(self.subject, f.choice, start=f.x, fractions=(longer,), max_iterations=8) for f in fits]
+            if not min(f.miss for f in grown) < REACH:
+                break
+            best = min(f.miss for f in grown)
+            fits = [f for f in grown if f.miss < max(REACH, BEHIND * best)]
+        return fits
+
+    def screen(self, cause: Cause) -> Screen:
+        """First-order gains about a cause."""
+        if cause.names not in self.screens:
+            self.screens[cause.names] = screen(self.subject, cause.fitted)
+        return self.screens[cause.names]
+
+    def at_full_length(self, cause: Cause) -> Cause:
+        """The same set over the whole records."""
+        if cause.fitted.fraction == 1.0:
+            return cause
+        return self._keep(fit(self.subject, cause.fitted.choice, start=cause.fitted.x))
+
+    def look_again(self, cause: Cause) -> None:
+        """Take the responses to unknown forces about this cause, and weigh everything tried so far anew."""
+        self.latent = responses(self.subject, cause.fitted)
+        for names, each in self.tried.items():
+            if each.fitted.fraction == cause.fitted.fraction:
+                self.tried[names] = self._weigh(each.fitted)
+
+    def _keep(self, fitted: Fitted) -> Cause:
+        if self.latent is None or next(iter(self.latent.places.values())).shape[0] != fitted.r.size:
+            self.latent = responses(self.subject, fitted)
+        cause = self._weigh(fitted)
+        self.tried[cause.names] = cause
+        return cause
+
+    def _weigh(self, fitted: Fitted) -> Cause:
+        z = log_evidence(fitted)
+        signs = z - log_evidence(replace(fitted, choice=_both_sides(fitted.choice)))
+        forces = np.concatenate([self.latent.scaled(p) for p in self.latent.forces], 1)
+        return Cause(fitted, z, evidence(fitted, forces) + signs)
+
+
+def _both_sides(choice: Choice) -> Choice:
+    return replace(choice, parameters=tuple(replace(p, lower=-np.inf) for p in choice.parameters))
+
+
+def _new(candidate: Candidate, parent: Cause) -> bool:
+    """Not the same effect, nor one inside or around a shared one, of the parent's."""
+    return all(not (c.kind == candidate.kind and set(c.on) & set(candidate.on)) for c in parent.candidates)
