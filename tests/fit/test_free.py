@@ -28,6 +28,7 @@ def mechanism():
     effects = [
         {"id": "s1", "kind": "extension_spring", "on": ["block", "ground"],
          "parameters": {"anchor_a_m": [0, 0, 0], "anchor_b_m": [1, 0, 0], "stiffness_n_per_m": 200.0}},
+        {"id": "push", "kind": "applied_force", "on": ["block"], "parameters": {"direction": [1, 0, 0]}},
         {"id": "grease", "kind": "viscous_friction", "on": ["j1"], "parameters": {"damping_n_m_s_per_rad": 0.3}},
     ]  # fmt: skip
     return parse_mechanism(
@@ -130,7 +131,10 @@ def test_a_motion_is_freed_at_the_joint_where_it_is_drawn(mechanism):
         ("viscous_friction:j1.stiffness", "is unknown there"),
         ("prescribed_motion:*", "applies nowhere.*draw it"),
         ("prescribed_motion:j1", "does not act at 'j1'"),
-        ("extension_spring:s1.anchor_a_m", "holds several numbers"),
+        ("extension_spring:s1.anchor_a_m[3]", "not one of its numbers"),
+        ("applied_force:push.direction", "is a direction"),
+        ("spring_stiffness_error:grease", "does not act at 'grease'.*s1"),
+        ("release_velocity:weld", "does not act at 'weld'"),
         ("viscous_friction:j1,viscous_friction:all", "are the same number"),
     ],
 )
