@@ -6,6 +6,8 @@ from jaxtyping import Array, Float
 from backend.effects.effect import parameter
 from backend.effects.shapes import AbstractSpringError
 
+PRELOAD = "preload_n"  # of an extension spring
+
 
 class SpringPreloadError(AbstractSpringError):
     """The spring pulls with a constant force more or less than drawn."""
@@ -17,4 +19,4 @@ class SpringPreloadError(AbstractSpringError):
 
     def amend(self, effect):
         """Add to the preload."""
-        return eqx.tree_at(lambda e: e.preload_n, effect, effect.preload_n + self.n)
+        return eqx.tree_at(lambda e: getattr(e, PRELOAD), effect, getattr(effect, PRELOAD) + self.n)

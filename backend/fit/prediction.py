@@ -17,16 +17,26 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from backend.effects.shapes import AbstractBaseMotion, AbstractClock, AbstractHold, AbstractShutter, AbstractView, Sight
+from backend.effects.shapes import (
+    AbstractBaseMotion,
+    AbstractClock,
+    AbstractDrawnError,
+    AbstractHold,
+    AbstractShutter,
+    AbstractView,
+    Sight,
+)
 from backend.fit.free import FreeParameter
 from backend.joints.joint import TURN
+from backend.model.as_made import redraw
 from backend.model.model import Address, Model
-from backend.model.state import Pose
+from backend.model.state import Pose, Start
 from backend.model.system import System, system
 from backend.simulate import assemble, kinematics
 from backend.simulate.points import marker_paths, marker_positions, marker_velocities
 from backend.simulate.record import Record
 from backend.simulate.rollout import Trajectory, rollout
+from backend.simulate.small import apply
 
 
 class Setting(eqx.Module):
@@ -79,9 +89,8 @@ def predict(
     model = with_values(setting.model, addresses, x[: len(addresses)])
     made = system(model)
     coordinates, rates = x[len(addresses) : len(addresses) + m], x[len(addresses) + m :]
-    start = assemble.start(made, setting.reference, setting.motions, coordinates, rates)  # type: ignore[arg-type]
-    record = setting.record
-    record = record.later(made.held_s, step_s) if record is not None and model.of(AbstractHold) else record
+    start = begin(setting, model, made, coordinates, rates)
+    record = known_drives(setting, model, made, step_s)
     motion = rollout(made, start, step_s, setting.steps, record, HALVINGS if _strikes(made) else 0)
     value, slope = columns(model, made, motion)
     marker, axis = _marker_of(model, setting.column)
@@ -103,6 +112,21 @@ def predict(
         seen = jnp.where(marker >= 0, picked, seen)
     after = jnp.clip(jnp.ceil(moved / step_s).astype(int), 0, setting.steps)
     return seen, motion.lost[after]
+
+
+def begin(setting: Setting, model: Model, made: System, coordinates: Array, rates: Array) -> Start:
+    """The start of a model that may differ from the setting's own, for which the reference was found."""
+    shift = None
+    if model.of(AbstractDrawnError):
+        offset = redraw(model).center_of_mass - redraw(setting.model).center_of_mass
+        shift = apply(made.stretch, offset)[: model.topology.slots]
+    return assemble.start(made, setting.reference, setting.motions, coordinates, rates, shift)  # type: ignore[arg-type]
+
+
+def known_drives(setting: Setting, model: Model, made: System, step_s: float | Array) -> Record | None:
+    """The record on the steps of a motion that begins at the true release."""
+    record = setting.record
+    return record.later(made.held_s, step_s) if record is not None and model.of(AbstractHold) else record
 
 
 def _marker_of(model: Model, column: Int[Array, " samples"]) -> tuple[Int[Array, " samples"], Int[Array, " samples"]]:
