@@ -11,9 +11,9 @@ class JointAxisError(AbstractDrawnError):
     """The joint's axis leans in its first body: frame_a turns about its own x, then y.
 
     The second body goes with the axis and moves out of the drawn plane.  A closed planar loop cannot follow: rigid
-    parts without play bind.  A drawing of one is refused, because its loop stays open.  A fit shares the misfit among its
-    joints; their strain is of second order in the lean, so the slope at zero is true, but from 1e-5 rad on the strain
-    of joints as stiff as ours drives the loop, and the motion says nothing about a real rig.
+    parts without play bind.  A drawing of one is refused, because its loop stays open.  A fit shares the misfit among
+    its joints.  Their strain is of second order in the lean, so the slope at zero is true, but from 1e-5 rad on the
+    strain of joints as stiff as ours drives the loop, and the motion says nothing about a real rig.
     """
 
     kind = "joint_axis_error"
