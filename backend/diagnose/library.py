@@ -103,7 +103,7 @@ def families(without: frozenset[str] = frozenset()) -> dict[str, tuple[str, ...]
 
 
 def _expected(effect: type[AbstractEffect]) -> bool:
-    return any(_sd(d) is not None for d in effect.declarations().values())
+    return any(d.expected is not None for d in effect.declarations().values())
 
 
 def library(
@@ -126,7 +126,7 @@ def library(
     wide: list[float | None] = []
     for p in found:
         row = table[p.addresses[0]]
-        expected = _sd(row.declaration)
+        expected = row.declaration.expected
         sd = None if expected is None else max(expected * row.natural, OF_DRAWN * abs(p.start))
         own = known.get(p.name)
         wide.append(max(sd, KNOWN_ENOUGH * own) if sd is not None and own is not None else sd)
@@ -196,10 +196,3 @@ def _places(mechanism: Mechanism, on: Sequence[str]) -> tuple[str, ...]:
     return tuple(o if group is None else f"{group}:{o}" for o, group in named)
 
 
-DEV = {"rad": 0.02, "1": 0.02, "s": 0.05, "m": 0.003, "rad/s": 0.1}
-
-
-def _sd(d):
-    if hasattr(d, "expected"):
-        return d.expected
-    return None if d.by_name or d.size > 1 or d.default is None else DEV.get(d.unit, 0.05)

@@ -18,10 +18,12 @@ HEAD = """\
 
 Written by `python -m backend.effects` from the declarations in `backend/effects/`; do not edit. Gravity is not listed:
 a drawing gives it as `gravity_m_per_s2`. A default of "give it" means that a drawing must name the value; bounds are
-those of a drawing and of a fit. Parameters marked *record* can follow recorded inputs.
+those of a drawing and of a fit. "Expected" is the standard deviation of a value before any data, in natural sizes of
+its unit, which follow from a mechanism's own mass, length and gravity; empty where a diagnosis does not free it.
+Parameters marked *record* can follow recorded inputs.
 
-| Kind | Acts on | Parameter | Unit | Default | Bounds | Meaning |
-|---|---|---|---|---|---|---|
+| Kind | Acts on | Parameter | Unit | Default | Bounds | Expected | Meaning |
+|---|---|---|---|---|---|---|---|
 """
 
 
@@ -30,11 +32,11 @@ def page() -> str:
     rows = []
     for kind, entry in vocabulary().items():
         doc = entry["doc"].replace("|", "\\|")
-        rows.append(f"| **{kind}** | {entry['acts_on']} | | | | | {doc} |")
+        rows.append(f"| **{kind}** | {entry['acts_on']} | | | | | | {doc} |")
         effect = effect_of_kind(kind)
         rows += [f"| | | {_row(name, declared)} |" for name, declared in effect.declarations().items()]
         rows += [
-            f"| | | `{name}` | word | {c.options[0]} | {' or '.join(c.options)} | {c.doc} |"
+            f"| | | `{name}` | word | {c.options[0]} | {' or '.join(c.options)} | | {c.doc} |"
             for name, c in effect.choices().items()
         ]
     return HEAD + "\n".join(rows) + "\n"
@@ -49,7 +51,8 @@ def _row(name: str, declared: Declaration) -> str:
     bounds = "" if low is None and high is None else f"{_end(low, '-∞')} to {_end(high, '∞')}"
     where = f"; at {', '.join(declared.joint_types)} joints" if declared.joint_types else ""
     record = "; *record*" if declared.drive else ""
-    return f"`{name}`{size} | {declared.unit} | {default} | {bounds} | {declared.doc}{where}{record}"
+    expected = "" if declared.expected is None else f"{declared.expected * declared.typical:g}"
+    return f"`{name}`{size} | {declared.unit} | {default} | {bounds} | {expected} | {declared.doc}{where}{record}"
 
 
 def _end(bound: float | None, none: str) -> str:

@@ -15,7 +15,7 @@ class AirDrag(AbstractDrag):
 
     kind = "air_drag"
     acts_on = "body"
-    drag_area_m2: Float[Array, ""] = parameter("m^2", "drag coefficient x frontal area", lower=0.0)
+    drag_area_m2: Float[Array, ""] = parameter("m^2", "drag coefficient x frontal area", lower=0.0, expected=0.2)
 
     def wrench(self, body):
         """No torque about the centre of mass."""

@@ -13,8 +13,10 @@ class AppliedForce(AbstractBodyForce):
     kind = "applied_force"
     acts_on = "bodies"
     force_n: Float[Array, ""] = parameter("N", "size of the push", drive="mean")
-    direction: Float[Array, "3"] = parameter("1", "where to, in W (made a unit vector)", default=None, size=3)
-    point_m: Float[Array, "3"] = parameter("m", "where, in the first body's axes", size=3)
+    direction: Float[Array, "3"] = parameter(
+        "1", "where to, in W (made a unit vector)", default=None, size=3, by_name=True
+    )
+    point_m: Float[Array, "3"] = parameter("m", "where, in the first body's axes", size=3, by_name=True)
 
     def wrench(self, a, b):
         """Equal and opposite at one point of space, so that no torque appears from nothing."""

@@ -13,7 +13,9 @@ class AppliedTorque(AbstractBodyForce):
     kind = "applied_torque"
     acts_on = "bodies"
     torque_n_m: Float[Array, ""] = parameter("N m", "size of the twist", drive="mean")
-    axis: Float[Array, "3"] = parameter("1", "about which axis, in W (made a unit vector)", default=None, size=3)
+    axis: Float[Array, "3"] = parameter(
+        "1", "about which axis, in W (made a unit vector)", default=None, size=3, by_name=True
+    )
 
     def wrench(self, a, b):
         """Pure torques."""

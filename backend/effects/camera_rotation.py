@@ -12,10 +12,13 @@ class CameraRotation(AbstractView):
 
     kind = "camera_rotation"
     acts_on = "camera"
-    rad: Float[Array, ""] = parameter("rad", "turn of the picture about the axis of the joints, right-handed")
+    rad: Float[Array, ""] = parameter(
+        "rad", "turn of the picture about the axis of the joints, right-handed", expected=0.02
+    )
 
-    def view(self, p_WP, axis):
+    def view(self, sight, camera):
         """Rodrigues' turn of p about the axis."""
+        p_WP, axis = sight.p_WP, camera.axis
         along = jnp.sum(p_WP * axis, -1, keepdims=True) * axis
         across = p_WP - along
         return along + jnp.cos(self.rad) * across + jnp.sin(self.rad) * jnp.cross(axis, across)

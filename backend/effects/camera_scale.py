@@ -11,8 +11,8 @@ class CameraScale(AbstractView):
 
     kind = "camera_scale"
     acts_on = "camera"
-    relative: Float[Array, ""] = parameter("1", "reported length / true length - 1", lower=-0.9)
+    relative: Float[Array, ""] = parameter("1", "reported length / true length - 1", lower=-0.9, expected=0.01)
 
-    def view(self, p_WP, axis):
+    def view(self, sight, camera):
         """Scale about the origin."""
-        return (1 + self.relative) * p_WP
+        return (1 + self.relative) * sight.p_WP

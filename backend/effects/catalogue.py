@@ -8,6 +8,7 @@ from typing import Any
 
 import backend.effects
 from backend.effects.effect import AbstractEffect
+from backend.effects.shapes import AbstractSpringError
 
 NOT_EFFECTS = {"effect", "shapes", "catalogue", "__main__"}
 
@@ -45,9 +46,11 @@ def vocabulary() -> dict[str, Any]:
                     "drawn": declared.drawn,
                     "by_name": declared.by_name,
                     "at_least": declared.at_least,
+                    "expected": declared.expected,
                 }
                 for name, declared in effect.declarations().items()
             },
+            "amends": list(effect.amends) if issubclass(effect, AbstractSpringError) else None,
             "choices": {name: {"options": list(c.options), "doc": c.doc} for name, c in effect.choices().items()},
         }
         for kind, effect in catalogue().items()

@@ -16,7 +16,7 @@ class Clearance(AbstractJointClearance):
     acts_on = "joint"
     radial_m: Float[Array, ""] = parameter(
         "m", "half the difference of hole and pin diameter", default=None, lower=0.0, drawn="clearance_m",
-        joint_types=("revolute",), typical=1e-3,
+        joint_types=("revolute",), typical=1e-3, expected=3.0,
     )  # fmt: skip
     friction_coefficient: Float[Array, ""] = parameter(
         "1", "Coulomb coefficient between pin and hole; acts at the point of contact", lower=0.0,

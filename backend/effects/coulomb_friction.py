@@ -11,8 +11,12 @@ class CoulombFriction(AbstractDryFriction):
 
     kind = "coulomb_friction"
     acts_on = "joint"
-    friction_torque_n_m: Float[Array, ""] = parameter("N m", "sliding torque", lower=0.0, joint_types=TURNING)
-    friction_force_n: Float[Array, ""] = parameter("N", "sliding force", lower=0.0, joint_types=("prismatic",))
+    friction_torque_n_m: Float[Array, ""] = parameter(
+        "N m", "sliding torque", lower=0.0, joint_types=TURNING, expected=0.05
+    )
+    friction_force_n: Float[Array, ""] = parameter(
+        "N", "sliding force", lower=0.0, joint_types=("prismatic",), expected=0.05
+    )
 
     def limit(self, load, pin_radius):
         """The same under any load."""

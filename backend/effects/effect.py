@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal
 import equinox as eqx
 from jaxtyping import Array, Float
 
-Place = Literal["joint", "body", "bodies", "world", "camera"]
+Place = Literal["joint", "body", "bodies", "effect", "marker", "world", "camera"]
 TURNING = ("revolute", "cylindrical", "planar")  # joint types whose q is a turn
 
 
@@ -36,6 +36,9 @@ class Declaration:
     """Whether a fit frees it only when it is named."""
     at_least: str | None = None
     """Another parameter of the effect that a drawing must not give more than this one."""
+    expected: float | None = None
+    """Standard deviation of its value before any data, in natural sizes (`natural` of its row in a model).  None: not
+    a cause that a diagnosis frees."""
 
 
 @dataclasses.dataclass(frozen=True)

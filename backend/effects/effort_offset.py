@@ -12,8 +12,12 @@ class EffortOffset(AbstractJointEffort):
 
     kind = "effort_offset"
     acts_on = "joint"
-    torque_n_m: Float[Array, ""] = parameter("N m", "torque on the second body", joint_types=TURNING, drive="mean")
-    force_n: Float[Array, ""] = parameter("N", "force on the second body", joint_types=("prismatic",), drive="mean")
+    torque_n_m: Float[Array, ""] = parameter(
+        "N m", "torque on the second body", joint_types=TURNING, drive="mean", expected=0.05
+    )
+    force_n: Float[Array, ""] = parameter(
+        "N", "force on the second body", joint_types=("prismatic",), drive="mean", expected=0.05
+    )
 
     def effort(self, q):
         """Independent of q."""

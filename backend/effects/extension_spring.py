@@ -7,15 +7,20 @@ from backend.effects.shapes import AbstractStrut
 
 
 class ExtensionSpring(AbstractStrut):
-    """Tension = stiffness x (length - free length); pushes when shorter."""
+    """Tension = preload + stiffness x (length - free length); pushes when shorter."""
 
     kind = "extension_spring"
     acts_on = "bodies"
-    anchor_a_m: Float[Array, "3"] = parameter("m", "end on the first body, in its axes", default=None, size=3)
-    anchor_b_m: Float[Array, "3"] = parameter("m", "end on the second body, in its axes", default=None, size=3)
+    anchor_a_m: Float[Array, "3"] = parameter(
+        "m", "end on the first body, in its axes", default=None, size=3, by_name=True
+    )
+    anchor_b_m: Float[Array, "3"] = parameter(
+        "m", "end on the second body, in its axes", default=None, size=3, by_name=True
+    )
     stiffness_n_per_m: Float[Array, ""] = parameter("N/m", "force per lengthening", lower=0.0)
     free_length_m: Float[Array, ""] = parameter("m", "length without force", lower=0.0)
-    damping_n_s_per_m: Float[Array, ""] = parameter("N s/m", "force per rate of lengthening", lower=0.0)
+    preload_n: Float[Array, ""] = parameter("N", "pull beside that of the stiffness", by_name=True)
+    damping_n_s_per_m: Float[Array, ""] = parameter("N s/m", "force per rate of lengthening", lower=0.0, expected=0.05)
 
     def anchors(self):
         """As drawn."""
@@ -23,12 +28,13 @@ class ExtensionSpring(AbstractStrut):
 
     def tension(self, length):
         """Linear in the lengthening."""
-        return self.stiffness_n_per_m * (length - self.free_length_m)
+        return self.preload_n + self.stiffness_n_per_m * (length - self.free_length_m)
 
     def damping(self):
         """Along the spring."""
         return self.damping_n_s_per_m
 
     def potential(self, length):
-        """½ k (l - l₀)²."""
-        return 0.5 * self.stiffness_n_per_m * (length - self.free_length_m) ** 2
+        """F₀ (l - l₀) + ½ k (l - l₀)²."""
+        longer = length - self.free_length_m
+        return self.preload_n * longer + 0.5 * self.stiffness_n_per_m * longer**2

@@ -11,7 +11,7 @@ class FrameRateError(AbstractClock):
 
     kind = "frame_rate_error"
     acts_on = "camera"
-    relative: Float[Array, ""] = parameter("1", "true frame rate / stated rate - 1", lower=-0.9)
+    relative: Float[Array, ""] = parameter("1", "true frame rate / stated rate - 1", lower=-0.9, expected=0.01)
 
     def true_time(self, time_s):
         """Frames that come faster span less time."""

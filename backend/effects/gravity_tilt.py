@@ -12,10 +12,10 @@ class GravityTilt(AbstractDrawnError):
 
     kind = "gravity_tilt"
     acts_on = "world"
-    roll_rad: Float[Array, ""] = parameter("rad", "turn of the rig about x")
-    pitch_rad: Float[Array, ""] = parameter("rad", "turn of the rig about y")
+    roll_rad: Float[Array, ""] = parameter("rad", "turn of the rig about x", expected=0.02)
+    pitch_rad: Float[Array, ""] = parameter("rad", "turn of the rig about y", expected=0.02)
 
-    def redraw(self, drawing, body):
+    def redraw(self, drawing, place):
         """Gravity seen from the turned rig turns the other way."""
         x, y, z = drawing.gravity
         cos, sin = jnp.cos(self.pitch_rad), jnp.sin(self.pitch_rad)

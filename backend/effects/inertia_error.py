@@ -11,8 +11,8 @@ class InertiaError(AbstractDrawnError):
 
     kind = "inertia_error"
     acts_on = "body"
-    relative: Float[Array, ""] = parameter("1", "true inertia / drawn inertia - 1", lower=-0.95)
+    relative: Float[Array, ""] = parameter("1", "true inertia / drawn inertia - 1", lower=-0.95, expected=0.1)
 
-    def redraw(self, drawing, body):
+    def redraw(self, drawing, place):
         """Scale the inertia tensor."""
-        return drawing.with_body(body, inertia=drawing.inertia[body] * (1 + self.relative))
+        return drawing.with_body(place, inertia=drawing.inertia[place] * (1 + self.relative))

@@ -14,8 +14,8 @@ class JointStop(AbstractJointStop):
 
     kind = "joint_stop"
     acts_on = "joint"
-    lower: Float[Array, ""] = parameter("rad or m", "lowest q", default=-NO_STOP)
-    upper: Float[Array, ""] = parameter("rad or m", "highest q", default=NO_STOP)
+    lower: Float[Array, ""] = parameter("rad or m", "lowest q", default=-NO_STOP, expected=1.0)
+    upper: Float[Array, ""] = parameter("rad or m", "highest q", default=NO_STOP, expected=1.0)
     restitution: Float[Array, ""] = parameter(
         "1", "speed after over speed before a blow", lower=0.0, upper=1.0, by_name=True
     )

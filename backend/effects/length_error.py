@@ -16,16 +16,16 @@ class LengthError(AbstractDrawnError):
 
     kind = "length_error"
     acts_on = "body"
-    relative: Float[Array, ""] = parameter("1", "true length / drawn length - 1", lower=-0.9)
+    relative: Float[Array, ""] = parameter("1", "true length / drawn length - 1", lower=-0.9, expected=0.01)
 
-    def redraw(self, drawing, body):
+    def redraw(self, drawing, place):
         """Stretch by I + e u uᵀ; inertia through the second moment S = ½tr(J) I - J, which maps as F S Fᵀ."""
-        along = drawing.length_axis[body]
+        along = drawing.length_axis[place]
         stretch = jnp.eye(3) + self.relative * jnp.outer(along, along)
-        inertia = drawing.inertia[body]
+        inertia = drawing.inertia[place]
         moment = stretch @ (0.5 * jnp.trace(inertia) * jnp.eye(3) - inertia) @ stretch.T
         return drawing.with_body(
-            body,
-            stretch=stretch @ drawing.stretch[body],
+            place,
+            stretch=stretch @ drawing.stretch[place],
             inertia=jnp.trace(moment) * jnp.eye(3) - moment,
         )

@@ -16,13 +16,27 @@ class LinkContact(AbstractLinkContact):
     radius_a_m: Float[Array, ""] = parameter("m", "the first capsule's radius", default=None, lower=0.0, typical=0.05)
     radius_b_m: Float[Array, ""] = parameter("m", "the second capsule's radius", default=None, lower=0.0, typical=0.05)
     start_a_m: Float[Array, "3"] = parameter(
-        "m", "one end of the first capsule's axis, in the body's axes", default=None, size=3, drawn="outermost joints"
+        "m",
+        "one end of the first capsule's axis, in the body's axes",
+        default=None,
+        size=3,
+        drawn="outermost joints",
+        by_name=True,
     )
-    end_a_m: Float[Array, "3"] = parameter("m", "its other end", default=None, size=3, drawn="outermost joints")
+    end_a_m: Float[Array, "3"] = parameter(
+        "m", "its other end", default=None, size=3, drawn="outermost joints", by_name=True
+    )
     start_b_m: Float[Array, "3"] = parameter(
-        "m", "one end of the second capsule's axis, in the body's axes", default=None, size=3, drawn="outermost joints"
+        "m",
+        "one end of the second capsule's axis, in the body's axes",
+        default=None,
+        size=3,
+        drawn="outermost joints",
+        by_name=True,
     )
-    end_b_m: Float[Array, "3"] = parameter("m", "its other end", default=None, size=3, drawn="outermost joints")
+    end_b_m: Float[Array, "3"] = parameter(
+        "m", "its other end", default=None, size=3, drawn="outermost joints", by_name=True
+    )
     friction_coefficient: Float[Array, ""] = parameter(
         "1", "friction force over normal force, along the link that is touched", lower=0.0
     )

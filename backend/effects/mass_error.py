@@ -11,12 +11,12 @@ class MassError(AbstractDrawnError):
 
     kind = "mass_error"
     acts_on = "body"
-    relative: Float[Array, ""] = parameter("1", "true mass / drawn mass - 1", lower=-0.95)
+    relative: Float[Array, ""] = parameter("1", "true mass / drawn mass - 1", lower=-0.95, expected=0.1)
 
-    def redraw(self, drawing, body):
+    def redraw(self, drawing, place):
         """Scale mass and inertia."""
         return drawing.with_body(
-            body,
-            mass=drawing.mass[body] * (1 + self.relative),
-            inertia=drawing.inertia[body] * (1 + self.relative),
+            place,
+            mass=drawing.mass[place] * (1 + self.relative),
+            inertia=drawing.inertia[place] * (1 + self.relative),
         )

@@ -12,7 +12,7 @@ class PinFriction(AbstractDryFriction):
     kind = "pin_friction"
     acts_on = "joint"
     friction_coefficient: Float[Array, ""] = parameter(
-        "1", "Coulomb coefficient between pin and hole", lower=0.0, joint_types=("revolute",)
+        "1", "Coulomb coefficient between pin and hole", lower=0.0, joint_types=("revolute",), expected=0.2
     )
 
     def limit(self, load, pin_radius):

@@ -11,7 +11,9 @@ class RotorInertia(AbstractJointInertia):
 
     kind = "rotor_inertia"
     acts_on = "joint"
-    kg_m2: Float[Array, ""] = parameter("kg m^2", "rotor inertia felt at the joint", lower=0.0, joint_types=TURNING)
+    kg_m2: Float[Array, ""] = parameter(
+        "kg m^2", "rotor inertia felt at the joint", lower=0.0, joint_types=TURNING, expected=0.05
+    )
 
     def inertia(self):
         """About the joint's axis."""

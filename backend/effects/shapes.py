@@ -1,9 +1,11 @@
 """The shapes of physics that the solver knows.  Every effect is one of them."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import equinox as eqx
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from backend.effects.effect import AbstractEffect, BodyView, Wrench
 
@@ -190,16 +192,98 @@ class AbstractDrawnError(AbstractEffect):
     """A difference between the part and its drawing."""
 
     @abstractmethod
-    def redraw(self, drawing, body: int):
-        """The drawing with this body (an index; -1 for the world) as it really is."""
+    def redraw(self, drawing, place: int):
+        """The drawing with this body or joint (an index; past the moving bodies for the world) as it really is."""
+
+
+class AbstractMarkerError(AbstractEffect):
+    """A marker that sits elsewhere on its body than drawn."""
+
+    @abstractmethod
+    def moved(self, p_BM: Float[Array, "3"], axis_B: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Where it sits, in body axes [m]; axis_B is the line of sight at the drawn pose, a unit vector."""
+
+
+class AbstractSpringError(AbstractEffect):
+    """A difference between another effect and its drawing; `on` names that effect."""
+
+    amends: ClassVar[tuple[str, ...]]
+    """Kinds that it can stand on."""
+
+    @abstractmethod
+    def amend(self, effect: AbstractEffect) -> AbstractEffect:
+        """The other effect as it really is."""
+
+
+class AbstractBaseMotion(AbstractEffect):
+    """A base that moves in W and takes everything fixed with it; the mechanism is computed in the base's frame."""
+
+    @abstractmethod
+    def displacement(self, time_s: Float[Array, "*batch"]) -> Float[Array, "*batch 3"]:
+        """Of the base, in W [m]."""
+
+    @abstractmethod
+    def acceleration(self, time_s: Scalar) -> Float[Array, "3"]:
+        """Of the base, in W [m/s²]."""
+
+
+class AbstractHold(AbstractEffect):
+    """A mechanism that is held for longer than stated."""
+
+    @abstractmethod
+    def delay(self) -> Scalar:
+        """Time from the stated release to the true one [s]."""
+
+
+class AbstractPush(AbstractEffect):
+    """A speed of joints at the moment of release."""
+
+    @abstractmethod
+    def speed(self, turning: Bool[Array, ""]) -> Scalar:
+        """Of a joint that turns [rad/s] or slides [m/s]."""
+
+
+class Camera(eqx.Module):
+    """Where a camera looks from: along `axis`, at the middle of what is drawn."""
+
+    axis: Float[Array, "3"]
+    """Unit direction in W about which joints turn."""
+    down: Float[Array, "3"]
+    """Unit direction in W from the first row of a picture to the last."""
+    center: Float[Array, "3"]
+    """Point in W at the picture's middle [m]."""
+    reach: Scalar
+    """Longest extent of what is drawn [m]."""
+
+    @property
+    def right(self) -> Float[Array, "3"]:
+        """Unit direction in W along the rows of a picture, so that right x down = axis."""
+        return jnp.cross(self.down, self.axis)
+
+
+class Sight(eqx.Module):
+    """Points as a camera meets them."""
+
+    p_WP: Float[Array, "*batch 3"]
+    v_WP: Float[Array, "*batch 3"]
+    time_s: Float[Array, "*batch"]
+    """Since the stated release [s]."""
 
 
 class AbstractView(AbstractEffect):
     """A difference between where a point is and where the camera says it is."""
 
     @abstractmethod
-    def view(self, p_WP: Float[Array, "*batch 3"], axis: Float[Array, "3"]) -> Float[Array, "*batch 3"]:
-        """Reported position of world points [m]; `axis` is the unit direction the camera looks along, in W."""
+    def view(self, sight: Sight, camera: Camera) -> Float[Array, "*batch 3"]:
+        """Reported position of world points [m]."""
+
+
+class AbstractShutter(AbstractEffect):
+    """A difference between when a picture was taken and when a point in it was."""
+
+    @abstractmethod
+    def delay(self, sight: Sight, camera: Camera) -> Float[Array, "*batch"]:
+        """Time by which the point was taken later than its picture [s]."""
 
 
 class AbstractClock(AbstractEffect):
@@ -208,3 +292,9 @@ class AbstractClock(AbstractEffect):
     @abstractmethod
     def true_time(self, time_s: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """When a sample that says `time_s` was taken [s]."""
+
+
+def across(axis: Float[Array, "3"]) -> Float[Array, "2 3"]:
+    """The two coordinate axes that lie across a direction best, in order: x and y across z, x and z across y."""
+    two = jnp.array([[1, 2], [0, 2], [0, 1]])[jnp.argmax(jnp.abs(axis))]
+    return jnp.eye(3)[two]

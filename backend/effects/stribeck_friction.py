@@ -19,16 +19,23 @@ class StribeckFriction(AbstractRateFriction):
     kind = "stribeck_friction"
     acts_on = "joint"
     static_torque_n_m: Float[Array, ""] = parameter(
-        "N m", "torque at which turning begins", lower=0.0, joint_types=TURNING, at_least="friction_torque_n_m"
+        "N m",
+        "torque at which turning begins",
+        lower=0.0,
+        joint_types=TURNING,
+        at_least="friction_torque_n_m",
+        expected=0.05,
     )
-    friction_torque_n_m: Float[Array, ""] = parameter("N m", "sliding torque", lower=0.0, joint_types=TURNING)
+    friction_torque_n_m: Float[Array, ""] = parameter(
+        "N m", "sliding torque", lower=0.0, joint_types=TURNING, expected=0.05
+    )
     stribeck_velocity_rad_per_s: Float[Array, ""] = parameter(
         "rad/s", "speed over which it falls", default=0.1, lower=1e-4, joint_types=TURNING
     )
     static_force_n: Float[Array, ""] = parameter(
-        "N", "force at which sliding begins", lower=0.0, joint_types=SLIDING, at_least="friction_force_n"
+        "N", "force at which sliding begins", lower=0.0, joint_types=SLIDING, at_least="friction_force_n", expected=0.05
     )
-    friction_force_n: Float[Array, ""] = parameter("N", "sliding force", lower=0.0, joint_types=SLIDING)
+    friction_force_n: Float[Array, ""] = parameter("N", "sliding force", lower=0.0, joint_types=SLIDING, expected=0.05)
     stribeck_velocity_m_per_s: Float[Array, ""] = parameter(
         "m/s", "speed over which it falls", default=0.01, lower=1e-5, joint_types=SLIDING
     )

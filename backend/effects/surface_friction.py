@@ -11,7 +11,9 @@ class SurfaceFriction(AbstractBedFriction):
 
     kind = "surface_friction"
     acts_on = "body"
-    friction_coefficient: Float[Array, ""] = parameter("1", "friction force over the force on the bed", lower=0.0)
+    friction_coefficient: Float[Array, ""] = parameter(
+        "1", "friction force over the force on the bed", lower=0.0, expected=0.2
+    )
 
     def coefficient(self):
         """As declared."""

@@ -11,8 +11,10 @@ class TorsionSpring(AbstractJointEffort):
 
     kind = "torsion_spring"
     acts_on = "joint"
-    stiffness_n_m_per_rad: Float[Array, ""] = parameter("N m/rad", "torque per turn", lower=0.0, joint_types=TURNING)
-    rest_rad: Float[Array, ""] = parameter("rad", "q at which it pulls nowhere", joint_types=TURNING)
+    stiffness_n_m_per_rad: Float[Array, ""] = parameter(
+        "N m/rad", "torque per turn", lower=0.0, joint_types=TURNING, expected=0.05
+    )
+    rest_rad: Float[Array, ""] = parameter("rad", "q at which it pulls nowhere", joint_types=TURNING, expected=0.5)
 
     def effort(self, q):
         """Towards rest."""

@@ -12,10 +12,10 @@ class ViscousFriction(AbstractJointDamping):
     kind = "viscous_friction"
     acts_on = "joint"
     damping_n_m_s_per_rad: Float[Array, ""] = parameter(
-        "N m s/rad", "torque per rate of turn", lower=0.0, joint_types=TURNING
+        "N m s/rad", "torque per rate of turn", lower=0.0, joint_types=TURNING, expected=0.05
     )
     damping_n_s_per_m: Float[Array, ""] = parameter(
-        "N s/m", "force per rate of travel", lower=0.0, joint_types=("prismatic",)
+        "N s/m", "force per rate of travel", lower=0.0, joint_types=("prismatic",), expected=0.05
     )
 
     def damping(self):

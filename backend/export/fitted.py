@@ -1,7 +1,9 @@
 """The drawing with what a fit found written into its effects."""
 
+import numpy as np
+
 from backend.fit.free import free_parameters
-from backend.mechanism.effect import Effect
+from backend.mechanism.effect import Effect, kind_named
 from backend.mechanism.fit_report import FitReport
 from backend.mechanism.mechanism import Mechanism
 
@@ -31,4 +33,14 @@ def fitted(mechanism: Mechanism, report: FitReport) -> Mechanism:
 
 
 def _with(effect: Effect, values: dict[str, float]) -> Effect:
-    return effect.model_copy(update={"parameters": {**effect.parameters, **values}})
+    parameters, kind = dict(effect.parameters), kind_named(effect.kind)
+    for name, value in values.items():
+        whole, of_several, at = name.partition("[")
+        if not of_several:
+            parameters[name] = value
+            continue
+        spec = kind.parameters[whole]
+        numbers = np.broadcast_to(np.asarray(parameters.get(whole, spec.default), float), spec.size).copy()
+        numbers[int(at[:-1])] = value
+        parameters[whole] = tuple(map(float, numbers))
+    return effect.model_copy(update={"parameters": parameters})

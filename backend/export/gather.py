@@ -18,11 +18,12 @@ from backend.effects.shapes import (
 from backend.export.left_out import left_out, unsimulated_limits
 from backend.export.twin import Effort, Push, Spring, Twin, TwinBody, TwinJoint
 from backend.mechanism.mechanism import Mechanism
+from backend.model.as_made import amended, redraw
 from backend.model.build import build
 from backend.model.drawing import Drawing
 from backend.model.model import Model, Shape
 from backend.model.state import Pose, drawn_pose
-from backend.model.system import System, redraw, system
+from backend.model.system import System, system
 from backend.simulate import kinematics
 from backend.simulate.run import assembled
 
@@ -34,7 +35,7 @@ NO_STOP = 999.0  # rad or m: a stop declared on one side has its other end out h
 
 def gather(mechanism: Mechanism) -> Twin:
     """The twin in the pose in which a simulation starts.  Raises ValueError where loops cannot be closed."""
-    model = build(mechanism)
+    model = amended(build(mechanism))
     plant, real, pose, rows = _drawn(model)
     held = plant.held_rows & ~plant.coordinate_rows
     unit = np.array([1.0 / float(plant.scale.length_m)] * 3 + [1.0] * 3)
@@ -45,7 +46,7 @@ def gather(mechanism: Mechanism) -> Twin:
     joints, efforts = _joints(model, plant, np.asarray(q))
     springs, bent = _springs(plant)
     pushes, odd = _pushes(model, real)
-    stretch, points = np.asarray(plant.stretch), np.asarray(model.marker_points)
+    center, points = np.asarray(plant.center_of_mass), np.asarray(plant.markers)
     return Twin(
         name=mechanism.name,
         gravity=np.asarray(real.gravity),
@@ -55,7 +56,7 @@ def gather(mechanism: Mechanism) -> Twin:
         efforts=efforts,
         pushes=pushes,
         markers=tuple(
-            (id_, names[slot], stretch[slot] @ point)
+            (id_, names[slot], point + center[slot])
             for id_, slot, point in zip(model.marker_ids, model.marker_bodies, points, strict=True)
         ),
         left_out=(*left_out(model), *bent, *odd, *unsimulated_limits(mechanism)),

@@ -4,15 +4,18 @@ from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from backend.effects.effect import AbstractEffect
 from backend.effects.shapes import (
+    AbstractBaseMotion,
     AbstractBedFriction,
     AbstractBodyForce,
     AbstractClock,
     AbstractDrag,
     AbstractDrawnError,
     AbstractDryFriction,
+    AbstractHold,
     AbstractJointClearance,
     AbstractJointDamping,
     AbstractJointEffort,
@@ -20,8 +23,12 @@ from backend.effects.shapes import (
     AbstractJointMotion,
     AbstractJointStop,
     AbstractLinkContact,
+    AbstractMarkerError,
+    AbstractPush,
     AbstractRateFriction,
     AbstractSection,
+    AbstractShutter,
+    AbstractSpringError,
     AbstractStrut,
     AbstractView,
 )
@@ -33,7 +40,7 @@ from backend.model.placed import Placed
 MANY = 6  # places that a sentence names
 WHOLE = (
     AbstractJointDamping, AbstractJointInertia, AbstractJointEffort, AbstractJointMotion, AbstractBodyForce,
-    AbstractStrut, AbstractSection, AbstractDrawnError,
+    AbstractStrut, AbstractSection, AbstractDrawnError, AbstractMarkerError, AbstractSpringError,
 )  # fmt: skip
 
 
@@ -77,7 +84,11 @@ def _sentence(effect: AbstractEffect) -> str:
         return "friction on the bed is left out"
     if isinstance(effect, AbstractLinkContact):
         return "links pass through each other"
-    if isinstance(effect, AbstractView | AbstractClock):
+    if isinstance(effect, AbstractPush):
+        return "it starts from rest"
+    if isinstance(effect, AbstractBaseMotion):
+        return "its base stands still"
+    if isinstance(effect, AbstractView | AbstractShutter | AbstractClock | AbstractHold):
         return "it belongs to the measurement, not to the mechanism"
     return "" if isinstance(effect, WHOLE) else "it has no counterpart"
 
@@ -92,5 +103,5 @@ def unsimulated_limits(mechanism: Mechanism) -> Iterator[str]:
 def _absent(placed: Placed, row: int) -> bool:
     """Whether an effect does nothing: every size it has is zero."""
     declared = placed.effect.declarations().items()
-    sizes = [n for n, d in declared if d.size == 1 and (d.lower == 0.0 or d.default == 0.0)]
-    return all(float(getattr(placed.effect, n)[row]) == 0.0 for n in sizes)
+    sizes = [n for n, d in declared if d.default == 0.0 or (d.size == 1 and d.lower == 0.0)]
+    return all(not np.any(getattr(placed.effect, n)[row]) for n in sizes)

@@ -2,8 +2,9 @@
 
 ON is an id (a joint, a body, a drawn effect, `world`, `camera`), `*` for every applicable place with a value of its
 own, `all` for one value shared by all of them, `all-a+b` by all but those, `a+b` for one shared by those. PARAMETER may
-be left out: every single-number parameter of the kind that suits the place is freed. An effect that the drawing lacks
-is added at its declared defaults, which mean "absent".
+be left out: every parameter of the kind that suits the place is freed. Of a parameter of several numbers each is freed
+by itself, as PARAMETER[0], and those that a planar mechanism cannot show are left out unless they are named. An effect
+that the drawing lacks is added at its declared defaults, which mean "absent".
 """
 
 from __future__ import annotations
@@ -15,14 +16,17 @@ import numpy as np
 
 from backend.mechanism.drawing_error import known
 from backend.mechanism.effect import Effect, ParameterValue, kind_named
+from backend.mechanism.joint import WITHOUT_COORDINATE, Joint
 from backend.mechanism.kinds import EffectKind, ParameterSpec
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.mobility import plane_normal
 from backend.mechanism.study import Tolerance
 
 Address = tuple[str, str]
 SMALL_PLAY_M = 1e-4  # where a fit begins to look for play that the drawing does not mention
 SMALL_BEND_RAD = 1e-2  # by which a link's own weight at half its length bends it where a fit begins to look for bending
 GRAVITY_M_PER_S2 = 9.80665
+ALONG = 1 - 1e-6  # cosine above which a component is out of the plane of motion
 GRAMMAR = "Write KIND:ON or KIND:ON.PARAMETER, such as viscous_friction:j1 or coulomb_friction:*"
 
 
@@ -118,7 +122,7 @@ class _Reader:
     def _split(self, rest: str, kind: EffectKind) -> tuple[str, str | None]:
         """ON and PARAMETER; an id may hold dots, so only a known parameter name is split off."""
         on, dot, last = rest.rpartition(".")
-        if dot and (last in kind.parameters or not self._is_place(rest)):
+        if dot and (last.partition("[")[0] in kind.parameters or not self._is_place(rest)):
             return on, last
         return rest, None
 
@@ -156,12 +160,18 @@ class _Reader:
                 candidates = [c for c in candidates if (f := m.joint(c).fit) and f.pin_diameter_m]
         elif kind.acts_on == "body":
             candidates = [b.id for b in m.bodies if not b.fixed]
+        elif kind.acts_on == "marker":
+            candidates = [marker.id for marker in m.markers]
+        elif kind.acts_on == "effect":
+            candidates = [e.id for e in m.effects if e.kind in kind.amends]
         else:
             candidates = drawn
         if on == "all":
             if not candidates:
                 raise ValueError(f"{kind.name} applies nowhere in '{m.name}'; draw it, or what it acts on, first")
             return tuple(candidates)
+        if kind.acts_on == "world" and kind.names_joints:
+            drawn += [j.id for j in m.joints if kind.suits(j.type)]
         for place in on:
             if place not in candidates and place not in drawn:
                 raise ValueError(f"{kind.name} does not act at '{place}'. {known([*candidates, *drawn])}")
@@ -171,28 +181,59 @@ class _Reader:
         """One free parameter per parameter name, shared by the places."""
         takers: dict[str, dict[str, Address]] = {}
         for place in places:
-            for spec in self._parameters(kind, place, parameter):
-                takers.setdefault(spec.name, {})[place] = (self._effect(kind, place).id, spec.name)
+            for name in self._names(kind, place, parameter):
+                takers.setdefault(name, {})[place] = (self._effect(kind, place).id, name)
         return [
-            self._parameter(kind, list(at), label, kind.parameters[name], list(at.values()))
+            self._parameter(kind, list(at), label, kind.parameters[name.partition("[")[0]], name, list(at.values()))
             for name, at in takers.items()
         ]
 
-    def _parameters(self, kind: EffectKind, place: str, parameter: str | None) -> list[ParameterSpec]:
-        single = [s for s in self._suited(kind, place) if s.size == 1]
+    def _names(self, kind: EffectKind, place: str, parameter: str | None) -> list[str]:
+        """The numbers of a kind's parameters that are free at a place."""
+        able = [s for s in self._suited(kind, place) if not (s.size > 1 and s.unit == "1")]
         if parameter is None:
-            return [s for s in single if not s.by_name]
-        if parameter not in {s.name for s in single}:
-            what = "holds several numbers and" if parameter in kind.parameters else "is unknown there and"
-            raise ValueError(f"parameter '{parameter}' {what} cannot be freed. {known(s.name for s in single)}")
-        return [kind.parameters[parameter]]
+            return [name for s in able if not s.by_name for name in self._numbers(kind, s, place)]
+        whole = next((s for s in able if s.name == parameter), None)
+        every = [name for s in able for name in components(s)]
+        if whole is None and parameter not in every:
+            directed = parameter.partition("[")[0] in kind.parameters and parameter not in every
+            what = "is a direction, or not one of its numbers, and" if directed else "is unknown there and"
+            raise ValueError(f"parameter '{parameter}' {what} cannot be freed. {known(every)}")
+        return self._numbers(kind, whole, place) if whole else [parameter]
+
+    def _numbers(self, kind: EffectKind, spec: ParameterSpec, place: str) -> list[str]:
+        """A parameter's own name, or its components that a planar mechanism can show."""
+        names, axis = components(spec), self._across(kind, place)
+        if spec.size != 3 or axis is None:
+            return names
+        return [name for name, along in zip(names, np.abs(axis), strict=True) if along < ALONG]
+
+    def _across(self, kind: EffectKind, place: str) -> np.ndarray | None:
+        """Normal of the plane of motion in the axes of a body, or of the world; None without such a plane."""
+        m = self.mechanism
+        bodies = {b.id: b.pose.rotation() for b in m.bodies}
+        axes = np.array([bodies[j.body_a] @ j.frame_a.rotation()[:, 2] for j in m.joints])
+        normal = plane_normal(list(m.joints), axes)
+        if normal is None or kind.acts_on == "world":
+            return normal
+        return bodies[place].T @ normal if kind.acts_on == "body" and place in bodies else None
 
     def _has(self, kind: EffectKind, place: str, parameter: str) -> bool:
-        return any(s.name == parameter for s in self._suited(kind, place))
+        return any(s.name == parameter.partition("[")[0] for s in self._suited(kind, place))
 
     def _suited(self, kind: EffectKind, place: str) -> list[ParameterSpec]:
         joint = next((j for j in self.mechanism.joints if j.id == place), None)
+        if place == "world" and kind.names_joints:
+            joint = self._first_joint()
         return [s for s in kind.parameters.values() if joint is None or s.suits(joint.type)]
+
+    def _first_joint(self) -> Joint | None:
+        """The joint that a push on the world gives its speed to: the first that moves by itself."""
+        m = self.mechanism
+        driven = {id_ for e in m.effects if e.kind == "prescribed_motion" for id_ in e.on}
+        fixed = {b.id for b in m.bodies if b.fixed}
+        moving = (j for j in m.joints if j.type not in WITHOUT_COORDINATE and not {j.body_a, j.body_b} <= fixed)
+        return next((j for j in moving if j.id not in driven and "all" not in driven), None)
 
     def _effect(self, kind: EffectKind, place: str) -> Effect:
         """The drawn effect that is, or acts at exactly, this place; otherwise a new one that does nothing yet."""
@@ -219,15 +260,21 @@ class _Reader:
         length = float(np.sqrt(12 * inertial.inertia_kg_m2.principal_moments()[-1] / inertial.mass_kg))
         return 0.5 * inertial.mass_kg * GRAVITY_M_PER_S2 * length / SMALL_BEND_RAD
 
-    def _parameter(self, kind, places, label, spec: ParameterSpec, addresses: list[Address]) -> FreeParameter:
+    def _parameter(
+        self, kind, places, label, spec: ParameterSpec, number: str, addresses: list[Address]
+    ) -> FreeParameter:
         drawn = {e.id: e for e in (*self.mechanism.effects, *self.added.values())}
         values = []
         for effect_id, name in addresses:
-            given = drawn[effect_id].parameters.get(name) if effect_id in drawn else None
-            values.append(spec.default if given is None else given)
+            given = drawn[effect_id].parameters.get(spec.name) if effect_id in drawn else None
+            value = np.broadcast_to(np.asarray(spec.default if given is None else given, float), spec.size)
+            values.append(value[components(spec).index(name)])
         start = float(np.mean(np.asarray(values, float)))
         lower = -np.inf if spec.lower is None else spec.lower
         upper = np.inf if spec.upper is None else spec.upper
-        return FreeParameter(
-            kind.name, tuple(places), label, spec.name, spec.unit, lower, upper, start, tuple(addresses)
-        )
+        return FreeParameter(kind.name, tuple(places), label, number, spec.unit, lower, upper, start, tuple(addresses))
+
+
+def components(spec: ParameterSpec) -> list[str]:
+    """Names of a parameter's numbers: its own, or one for each component."""
+    return [spec.name] if spec.size == 1 else [f"{spec.name}[{i}]" for i in range(spec.size)]

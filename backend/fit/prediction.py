@@ -17,16 +17,26 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from backend.effects.shapes import AbstractClock, AbstractView
+from backend.effects.shapes import (
+    AbstractBaseMotion,
+    AbstractClock,
+    AbstractDrawnError,
+    AbstractHold,
+    AbstractShutter,
+    AbstractView,
+    Sight,
+)
 from backend.fit.free import FreeParameter
 from backend.joints.joint import TURN
+from backend.model.as_made import redraw
 from backend.model.model import Address, Model
-from backend.model.state import Pose
+from backend.model.state import Pose, Start
 from backend.model.system import System, system
 from backend.simulate import assemble, kinematics
 from backend.simulate.points import marker_paths, marker_positions, marker_velocities
 from backend.simulate.record import Record
 from backend.simulate.rollout import Trajectory, rollout
+from backend.simulate.small import apply
 
 
 class Setting(eqx.Module):
@@ -52,6 +62,7 @@ class Setting(eqx.Module):
         return self.motions.shape[-1]
 
 
+SEEING = (AbstractBaseMotion, AbstractShutter, AbstractView)  # what parts a marker from where it is reported
 HALVINGS = 8  # times a step may be cut in two where parts strike each other
 
 Addresses = tuple[tuple[Address, ...], ...]
@@ -78,13 +89,52 @@ def predict(
     model = with_values(setting.model, addresses, x[: len(addresses)])
     made = system(model)
     coordinates, rates = x[len(addresses) : len(addresses) + m], x[len(addresses) + m :]
-    start = assemble.start(made, setting.reference, setting.motions, coordinates, rates)  # type: ignore[arg-type]
-    motion = rollout(made, start, step_s, setting.steps, setting.record, HALVINGS if _strikes(made) else 0)
+    start = begin(setting, model, made, coordinates, rates)
+    record = known_drives(setting, model, made, step_s)
+    motion = rollout(made, start, step_s, setting.steps, record, HALVINGS if _strikes(made) else 0)
     value, slope = columns(model, made, motion)
-    time = clock(model, setting.since_release_s)
-    seen = hermite(value + setting.turns, slope, step_s, time, setting.column)
-    after = jnp.clip(jnp.ceil(time / step_s).astype(int), 0, setting.steps)
+    marker, axis = _marker_of(model, setting.column)
+    time = clock(model, setting.since_release_s, marker)
+    moved = time - made.held_s
+    seen = hermite(value + setting.turns, slope, step_s, moved, setting.column)
+    if model.marker_ids and any(model.of(shape) for shape in SEEING):
+        there = setting.column - axis
+
+        def sight(time: Float[Array, " samples"]) -> Sight:
+            each = [hermite_rate(value, slope, step_s, time - made.held_s, there + i) for i in range(3)]
+            path, rate = (jnp.stack(parts, -1) for parts in zip(*each, strict=True))
+            return Sight(path, rate, time)
+
+        late = shutter(model, sight(time), marker)
+        time, moved = time + late, moved + late
+        points = view(model, sight(time), marker)
+        picked = jnp.take_along_axis(points, axis[:, None], 1)[:, 0]
+        seen = jnp.where(marker >= 0, picked, seen)
+    after = jnp.clip(jnp.ceil(moved / step_s).astype(int), 0, setting.steps)
     return seen, motion.lost[after]
+
+
+def begin(setting: Setting, model: Model, made: System, coordinates: Array, rates: Array) -> Start:
+    """The start of a model that may differ from the setting's own, for which the reference was found."""
+    shift = None
+    if model.of(AbstractDrawnError):
+        offset = redraw(model).center_of_mass - redraw(setting.model).center_of_mass
+        shift = apply(made.stretch, offset)[: model.topology.slots]
+    return assemble.start(made, setting.reference, setting.motions, coordinates, rates, shift)  # type: ignore[arg-type]
+
+
+def known_drives(setting: Setting, model: Model, made: System, step_s: float | Array) -> Record | None:
+    """The record on the steps of a motion that begins at the true release."""
+    record = setting.record
+    return record.later(made.held_s, step_s) if record is not None and model.of(AbstractHold) else record
+
+
+def _marker_of(model: Model, column: Int[Array, " samples"]) -> tuple[Int[Array, " samples"], Int[Array, " samples"]]:
+    """Marker, and coordinate of it, that a sample measures; -1 and 0 for joints."""
+    joints, points = len(model.topology.joint_ids), 3 * len(model.marker_ids)
+    at = column - joints
+    is_marker = (at >= 0) & (at < points)
+    return jnp.where(is_marker, at // 3, -1), jnp.where(is_marker, at % 3, 0)
 
 
 def _strikes(made: System) -> bool:
@@ -109,16 +159,12 @@ def linearised(
 
 
 def columns(model: Model, made: System, motion: Trajectory) -> tuple[Array, Array]:
-    """Values and their rates at the nodes (nodes, columns): q, markers as the camera sees them, efforts."""
+    """Values and their rates at the nodes (nodes, columns): q, markers where they are, efforts."""
     nodes = motion.q.shape[0]
     effort = _effort(made, motion)
     parts = [(motion.q, motion.rate)]
     if model.marker_ids:
-        path, velocity = jax.jvp(
-            lambda p: view(model, p),
-            (marker_paths(model, made, motion),),
-            (marker_velocities(model, made, motion),),
-        )
+        path, velocity = marker_paths(model, made, motion), marker_velocities(model, made, motion)
         parts.append((path.reshape(nodes, -1), velocity.reshape(nodes, -1)))
     parts.append((effort, _slope(effort, motion.time_s)))
     return jnp.concatenate([v for v, _ in parts], 1), jnp.concatenate([s for _, s in parts], 1)
@@ -138,21 +184,35 @@ def _effort(made: System, motion: Trajectory) -> Float[Array, "nodes joints"]:
     return jnp.sum(jnp.where(rows, motion.reaction, 0.0), -1)
 
 
-def view(model: Model, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
-    """World points as the camera reports them."""
+def view(model: Model, sight: Sight, marker: Int[Array, "*batch"]) -> Float[Array, "*batch 3"]:
+    """World points (of these markers, seen from the base) as the camera reports them."""
+    for placed in model.of(AbstractBaseMotion):
+        for base in placed.each():
+            sight = eqx.tree_at(lambda s: s.p_WP, sight, sight.p_WP + base.displacement(sight.time_s))
     for placed in model.of(AbstractView):
-        for row in placed.rows:
-            effect = jax.tree.map(lambda leaf, r=row: leaf[r], placed.effect)
-            points = effect.view(points, model.view_axis)
-    return points
+        for effect, place in zip(placed.each(), placed.places, strict=True):
+            seen = effect.view(sight, model.camera)
+            seen = seen if not place else jnp.where((marker == place[0])[..., None], seen, sight.p_WP)
+            sight = eqx.tree_at(lambda s: s.p_WP, sight, seen)
+    return sight.p_WP
 
 
-def clock(model: Model, since_release_s: Float[Array, " n"]) -> Float[Array, " n"]:
-    """True time since the release, for samples that state `since_release_s`."""
+def shutter(model: Model, sight: Sight, marker: Int[Array, " n"]) -> Float[Array, " n"]:
+    """Time by which points were taken later than their pictures [s]; zero for joints."""
+    late = jnp.zeros_like(sight.time_s)
+    for placed in model.of(AbstractShutter):
+        for effect, place in zip(placed.each(), placed.places, strict=True):
+            here = marker == place[0] if place else marker >= 0
+            late = late + jnp.where(here, effect.delay(sight, model.camera), 0.0)
+    return late
+
+
+def clock(model: Model, since_release_s: Float[Array, " n"], marker: Int[Array, " n"]) -> Float[Array, " n"]:
+    """True time since the stated release, for samples (of these markers, -1 for joints) that state theirs."""
     for placed in model.of(AbstractClock):
-        for row in placed.rows:
-            effect = jax.tree.map(lambda leaf, r=row: leaf[r], placed.effect)
-            since_release_s = effect.true_time(since_release_s)
+        for effect, place in zip(placed.each(), placed.places, strict=True):
+            true = effect.true_time(since_release_s)
+            since_release_s = true if not place else jnp.where(marker == place[0], true, since_release_s)
     return since_release_s
 
 
@@ -173,6 +233,24 @@ def hermite(
     return y0 * (1 + 2 * u) * (1 - u) ** 2 + m0 * u * (1 - u) ** 2 + y1 * u**2 * (3 - 2 * u) - m1 * u**2 * (1 - u)
 
 
+def hermite_rate(
+    value: Float[Array, "nodes columns"],
+    slope: Float[Array, "nodes columns"],
+    step_s: float | Array,
+    time_s: Float[Array, " n"],
+    column: Int[Array, " n"],
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """`hermite` and its rate, which is zero before the motion and after it."""
+    last = value.shape[0] - 1
+    at = time_s / step_s
+    k = jnp.clip(jnp.floor(at).astype(int), 0, last - 1)
+    u = jnp.clip(at, 0.0, last) - k
+    chord = (value[k + 1, column] - value[k, column]) / step_s
+    m0, m1 = slope[k, column], slope[k + 1, column]
+    rate = 6 * u * (1 - u) * chord + m0 * (1 - u) * (1 - 3 * u) + m1 * u * (3 * u - 2)
+    return hermite(value, slope, step_s, time_s, column), jnp.where((at >= 0) & (at <= last), rate, 0.0)
+
+
 def roomy(count: int) -> int:
     """A count rounded up by at most an eighth, so that records of similar length share a compiled program."""
     grain = max(2 ** (math.floor(math.log2(max(count, 1))) - 3), 1)
@@ -190,8 +268,9 @@ def look(
         # Closing the loops again would change this to second order only.
         pose = reference.advance(jnp.einsum("bim,m->bi", motions, coordinates))
         q = kinematics.coordinates(made, kinematics.bodies(made, pose))
-        points = view(model, marker_positions(model, made, pose)) if model.marker_ids else jnp.zeros((0, 3))
-        return jnp.concatenate([q, points.reshape(-1)])
+        points, marker = marker_positions(model, made, pose), jnp.arange(len(model.marker_ids))
+        still = Sight(points, jnp.zeros_like(points), jnp.zeros(len(model.marker_ids)))
+        return jnp.concatenate([q, view(model, still, marker).reshape(-1)])
 
     zero = jnp.zeros(motions.shape[-1])
     return seen(zero), jax.jacfwd(seen)(zero)

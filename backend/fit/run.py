@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from backend.effects.shapes import AbstractClock
+from backend.effects.shapes import AbstractClock, AbstractShutter
 from backend.fit.measured import Measured, measured
 from backend.fit.pose import Found, find_start
 from backend.fit.prediction import Addresses, Setting, linearised, roomy
@@ -41,7 +41,7 @@ class Run:
     def of(cls, experiment: Experiment, model: Model, addresses: Addresses, step_s: float) -> Run:
         """Read the tables and find the start. ValueError names the experiment."""
         values = {(e, p): v for e, given in experiment.overrides.items() for p, v in given.items()}
-        free = {a for group in addresses for a in group}
+        free = {(effect, name.partition("[")[0]) for group in addresses for effect, name in group}
         if clash := sorted(set(values) & free):
             raise ValueError(
                 f"experiment '{experiment.id}' overrides {'.'.join(clash[0])}, which is also free. "
@@ -98,7 +98,7 @@ class Run:
     @property
     def frame(self) -> tuple[int, int]:
         """Steps and samples that the rollout of the whole record has room for."""
-        clocks = bool(self.model.of(AbstractClock))
+        clocks = bool(self.model.of(AbstractClock) or self.model.of(AbstractShutter))
         steps = int(np.ceil(self.duration_s * (CLOCK_ROOM if clocks else 1.0) / self.step_s)) + 1
         return roomy(steps), roomy(self.since_release_s.size)
 

@@ -20,7 +20,6 @@ from backend.mechanism.closure import (
 )
 from backend.mechanism.constraints import JointGap, Placement, body_index, drawn, size_m
 from backend.mechanism.joint import WITHOUT_COORDINATE, Joint
-from backend.mechanism.kinds import effect_kinds
 from backend.mechanism.loops import Connectivity, connectivity
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.mobility import (
@@ -228,9 +227,4 @@ def _part_findings(mechanism: Mechanism, opened: dict[str, JointGap]) -> list[st
                     f'joint "{joint.id}": radial_clearance_m is {1e3 * fit.radial_clearance_m:.4g} mm, but '
                     f"hole and pin leave {1e3 * half:.4g} mm; the former is used: correct one of them"
                 )
-    kinds = effect_kinds()
-    return found + [
-        f'effect "{effect.id}": {effect.kind} is read but not simulated yet; remove it to simulate without it'
-        for effect in mechanism.effects
-        if not kinds[effect.kind].simulated
-    ]
+    return found

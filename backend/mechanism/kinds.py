@@ -1,7 +1,7 @@
 """The vocabulary of effects: which kinds there are, where they act, and what their parameters may be.
 
-`effect_kinds.json` is generated from the effects' own declarations; `reserved_kinds.json` holds the kinds of
-the file format that cannot be simulated yet. Both are data, so that reading a drawing loads no solver.
+`effect_kinds.json` is generated from the effects' own declarations: it is data, so that reading a drawing loads no
+solver.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class ParameterSpec:
 
     joint_types: the joint types where the name is the right one; None when every type with a coordinate will do.
     drawn: method of a joint's Fit that gives the value where none is written.  by_name: a fit frees it only by name.
-    at_least: another parameter that must not be larger.
+    at_least: another parameter that must not be larger.  expected: sd before any data, in natural sizes.
     """
 
     name: str
@@ -35,6 +35,7 @@ class ParameterSpec:
     drawn: str | None = None
     by_name: bool = False
     at_least: str | None = None
+    expected: float | None = None
 
     def suits(self, joint_type: str) -> bool:
         """Whether this parameter means something at a joint of that type."""
@@ -50,10 +51,17 @@ class EffectKind:
     name: str
     acts_on: str
     doc: str
-    simulated: bool
     parameters: dict[str, ParameterSpec]
     choices: dict[str, tuple[str, ...]]
     """Words that decide its structure, by name: the options, the default first."""
+    amends: tuple[str, ...] = ()
+    """Kinds of the effects that it can stand on."""
+
+    @property
+    def names_joints(self) -> bool:
+        """Whether it may stand on joints: always, or where it acts on the world and the joints are named."""
+        joints = any(spec.joint_types for spec in self.parameters.values())
+        return self.acts_on == "joint" or (self.acts_on == "world" and joints)
 
     def suits(self, joint_type: str) -> bool:
         """Whether any of its parameters means something at a joint of that type."""
@@ -79,19 +87,18 @@ def _parameter(name: str, spec: dict[str, Any]) -> ParameterSpec:
         drawn=spec.get("drawn"),
         by_name=spec.get("by_name", False),
         at_least=spec.get("at_least"),
+        expected=spec.get("expected"),
     )
 
 
 @cache
 def effect_kinds() -> dict[str, EffectKind]:
-    """All kinds by name; a kind that can be simulated takes precedence over its reserved entry."""
-    folder = resources.files("backend.mechanism")
-    kinds: dict[str, EffectKind] = {}
-    for file in ("reserved_kinds.json", "effect_kinds.json"):
-        for name, entry in json.loads((folder / file).read_text("utf-8")).items():
-            parameters = {key: _parameter(key, spec) for key, spec in entry["parameters"].items()}
-            choices = {key: tuple(spec["options"]) for key, spec in entry.get("choices", {}).items()}
-            kinds[name] = EffectKind(
-                name, entry["acts_on"], entry.get("doc", ""), entry.get("simulated", True), parameters, choices
-            )
-    return dict(sorted(kinds.items()))
+    """All kinds by name."""
+    text = (resources.files("backend.mechanism") / "effect_kinds.json").read_text("utf-8")
+    return {name: _kind(name, entry) for name, entry in sorted(json.loads(text).items())}
+
+
+def _kind(name: str, entry: dict[str, Any]) -> EffectKind:
+    parameters = {key: _parameter(key, spec) for key, spec in entry["parameters"].items()}
+    choices = {key: tuple(spec["options"]) for key, spec in entry["choices"].items()}
+    return EffectKind(name, entry["acts_on"], entry["doc"], parameters, choices, tuple(entry["amends"] or ()))

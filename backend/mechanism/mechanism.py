@@ -120,7 +120,7 @@ def effect_faults(mechanism: Mechanism, effect: Effect) -> list[str]:
         return [str(error)]
     faults = place_faults(mechanism, kind, effect.on)
     joints = None
-    if kind.acts_on == "joint":
+    if kind.acts_on == "joint" or (kind.names_joints and effect.on != ("world",)):
         named = effect.on == "all"
         joints = {joint.id: joint.type for joint in mechanism.joints if named or joint.id in effect.on}
     wrong = parameter_faults(kind, effect.parameters, joints, every=effect.on == "all")
@@ -153,7 +153,11 @@ def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> l
         markers = {marker.id for marker in mechanism.markers}
         if on == (acts_on,) or (acts_on == "camera" and on != "all" and markers.issuperset(on)):
             return []
-        return [f'on is {on!r}, but {kind.name} acts on the {acts_on}; write "on": ["{acts_on}"]']
+        joints = [joint.id for joint in mechanism.joints]
+        if kind.names_joints and on != "all" and set(on) <= set(joints):
+            return []
+        others = f", or name joints. {known(joints)}" if kind.names_joints else ""
+        return [f'on is {on!r}, but {kind.name} acts on the {acts_on}; write "on": ["{acts_on}"]{others}']
     part = {"bodies": "body"}.get(acts_on, acts_on)
     groups = {
         "body": mechanism.bodies,
@@ -169,6 +173,14 @@ def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> l
         paired = f'on is "all", but {kind.name} acts on one body, or between two; name them. {known(ids)}'
         return [paired] if acts_on == "bodies" else []
     faults = [f'on names "{id}", but no {part} has that id. {known(ids)}' for id in on if id not in ids]
+    if acts_on == "effect":
+        able = [member.id for member in mechanism.effects if member.kind in kind.amends]
+        words = " or ".join(kind.amends)
+        faults += [
+            f'on names "{id}", but {kind.name} acts on {words}. {known(able)}'
+            for id in on
+            if id in ids and id not in able
+        ]
     if acts_on == "bodies" and len(on) > 2:
         faults.append(f"on names {len(on)} bodies; name one, or two of which the second takes the reaction")
     return faults

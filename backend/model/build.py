@@ -12,14 +12,17 @@ from backend.effects.effect import TURNING, AbstractEffect, Declaration
 from backend.effects.shapes import (
     AbstractBedFriction,
     AbstractDrag,
+    AbstractDrawnError,
     AbstractLinkContact,
     AbstractSection,
+    AbstractSpringError,
     AbstractStrut,
 )
 from backend.joints.catalogue import catalogue, joint_of_type
 from backend.mechanism.body import Body
 from backend.mechanism.effect import Effect, ParameterValue, kind_named, order_faults
 from backend.mechanism.mechanism import Mechanism
+from backend.model.camera import camera
 from backend.model.drawing import Drawing
 from backend.model.flexible import SECTION, split, whole
 from backend.model.lengthwise import Points, held_points, joint_points, length_axis
@@ -74,7 +77,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
         marker_points=jnp.array([m.position_m for m in mechanism.markers], dtype=float).reshape(-1, 3),
         marker_ids=tuple(m.id for m in mechanism.markers),
         marker_bodies=tuple(topology.slot(m.body) for m in mechanism.markers),
-        view_axis=world_axis(jnp.asarray(np.array(axes_W))),
+        camera=camera(mechanism, world_axis(jnp.asarray(np.array(axes_W)))),
         scale=_scale(uncut, [b.id for b in uncut.bodies if not b.fixed]),
     )
 
@@ -121,8 +124,10 @@ def _batches(drawn: Sequence[Effect], topology: Topology, mechanism: Mechanism) 
     for member in members:
         structure = effect_of_kind(member.kind).structure(member.parameters)
         batches.setdefault((member.kind, tuple(structure.items())), []).append(member)
-    for (kind, structure), alike in sorted(batches.items()):
-        yield _place(kind, dict(structure), alike, topology, mechanism)
+    ordered = sorted(batches.items())
+    where = {e.id: (batch, row) for batch, (_, alike) in enumerate(ordered) for row, e in enumerate(alike)}
+    for (kind, structure), alike in ordered:
+        yield _place(kind, dict(structure), alike, topology, mechanism, where)
 
 
 def _with_drawn_values(member: Effect, mechanism: Mechanism) -> list[Effect]:
@@ -172,13 +177,19 @@ def _with_capsules(member: Effect, missing: Iterable[str], mechanism: Mechanism)
 
 
 def _place(
-    kind: str, structure: dict[str, Any], members: list[Effect], topology: Topology, mechanism: Mechanism
+    kind: str,
+    structure: dict[str, Any],
+    members: list[Effect],
+    topology: Topology,
+    mechanism: Mechanism,
+    where: dict[str, tuple[int, int]],
 ) -> Placed:
-    """One batch of effects alike in kind and structure."""
+    """One batch of effects alike in kind and structure; where: batch and row of every effect."""
     effect = effect_of_kind(kind)
     rows, places = [], []
     for row, member in enumerate(members):
-        for place in _places(member, effect, topology, mechanism):
+        found = _amended(member, effect, mechanism, where) if issubclass(effect, AbstractSpringError) else None
+        for place in found or _places(member, effect, topology, mechanism):
             rows.append(row)
             places.append(place)
     leaves = {name: jnp.array([_value(m, name, d) for m in members]) for name, d in effect.declarations().items()}
@@ -195,17 +206,34 @@ def _share(topology: Topology, place: tuple[int, ...]) -> float:
 def _places(
     member: Effect, effect: type[AbstractEffect], topology: Topology, mechanism: Mechanism
 ) -> Iterable[tuple[int, ...]]:
-    if effect.acts_on in ("world", "camera"):
-        return [(topology.slots,)]
+    if member.on == (effect.acts_on,) and effect.acts_on in ("world", "camera"):
+        return [(topology.slots,)] if issubclass(effect, AbstractDrawnError) else [()]
+    if effect.acts_on in ("marker", "camera"):
+        markers = [m.id for m in mechanism.markers]
+        return [(markers.index(id_),) for id_ in (markers if member.on == "all" else member.on)]
     if issubclass(effect, AbstractSection):
         return [(topology.joint_ids.index(id_ + SECTION),) for id_ in member.on]
-    if effect.acts_on == "joint":
+    if effect.acts_on in ("joint", "world"):
         return [(topology.joint_ids.index(id_),) for id_ in _joints_of(member, effect, mechanism)]
     if member.on == "all":
         return [(topology.slot(b.id),) for b in mechanism.bodies if not b.fixed]
     if effect.acts_on == "bodies":
         return [tuple(topology.slot(id_) for id_ in _pair(member, topology.fixed_ids))]
     return [(topology.slot(id_),) for id_ in member.on]
+
+
+def _amended(
+    member: Effect, effect: type[AbstractSpringError], mechanism: Mechanism, where: dict[str, tuple[int, int]]
+) -> list[tuple[int, int]]:
+    """Batch and row of the effects that another one corrects."""
+    able = [e.id for e in mechanism.effects if e.kind in effect.amends]
+    on = able if member.on == "all" else list(member.on)
+    if wrong := [id_ for id_ in on if id_ not in able] or ([] if on else ["all"]):
+        raise ValueError(
+            f"effect '{member.id}': {member.kind} cannot act on '{wrong[0]}': it needs an effect of kind "
+            f"{' or '.join(effect.amends)}; there is {', '.join(able) or 'none'}"
+        )
+    return [where[id_] for id_ in on]
 
 
 def _joints_of(member: Effect, effect: type[AbstractEffect], mechanism: Mechanism) -> list[str]:

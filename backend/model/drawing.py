@@ -34,6 +34,10 @@ class Drawing(eqx.Module):
             [getattr(self, name).at[body].set(rows[name]) for name in names],
         )
 
+    def with_axes_a(self, joint: int, axes: Float[Array, "3 3"]) -> "Drawing":
+        """A copy in which a joint's frame in its first body has other axes."""
+        return eqx.tree_at(lambda d: d.axes_a, self, self.axes_a.at[joint].set(axes))
+
     def with_gravity(self, gravity: Float[Array, "3"]) -> "Drawing":
         """A copy under other gravity [m/s²]."""
         return eqx.tree_at(lambda d: d.gravity, self, jnp.asarray(gravity))

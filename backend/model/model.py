@@ -1,6 +1,7 @@
 """A mechanism ready to move: its layout, its drawing as arrays, and its effects."""
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from typing import TypeVar
 
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from backend.effects.effect import AbstractEffect, Declaration
-from backend.effects.shapes import AbstractSection
+from backend.effects.shapes import AbstractPush, AbstractSection, Camera
 from backend.model.drawing import Drawing
 from backend.model.flexible import whole
 from backend.model.placed import Placed
@@ -18,7 +19,8 @@ from backend.model.topology import Topology
 
 Shape = TypeVar("Shape", bound=AbstractEffect)
 Address = tuple[str, str]
-"""(effect id, parameter name)."""
+"""(effect id, parameter name); one number of several is `name[0]`."""
+COMPONENT = re.compile(r"(?P<name>.+)\[(?P<at>\d+)\]")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +36,11 @@ class ParameterRow:
     natural: float
     """A size that a parameter of this unit has in this mechanism: from its own mass, length and gravity."""
 
+    @property
+    def expected(self) -> float | None:
+        """Standard deviation of its value before any data, in its unit; None: not a cause that a diagnosis frees."""
+        return None if self.declaration.expected is None else self.declaration.expected * self.natural
+
 
 class Model(eqx.Module):
     """Numbers are array leaves (differentiable); topology, names and counts are static."""
@@ -46,9 +53,13 @@ class Model(eqx.Module):
     marker_points: Float[Array, "markers 3"]
     marker_ids: tuple[str, ...] = eqx.field(static=True)
     marker_bodies: tuple[int, ...] = eqx.field(static=True)
-    view_axis: Float[Array, "3"]
-    """Unit vector about which joints turn, upwards where none does: where a camera looks along, and across the bed."""
+    camera: Camera
     scale: Scale
+
+    @property
+    def view_axis(self) -> Float[Array, "3"]:
+        """Unit vector about which joints turn, upwards where none does: along the line of sight, across the bed."""
+        return self.camera.axis
 
     def of(self, shape: type[Shape]) -> list[Placed]:
         """The effects of one shape."""
@@ -56,22 +67,19 @@ class Model(eqx.Module):
 
     @property
     def parameters(self) -> dict[Address, ParameterRow]:
-        """Every effect parameter of the model, by address."""
+        """Every effect parameter of the model, by address; one of several numbers as a whole and by component."""
         table = {}
         for placed in self.effects:
             for row, effect_id in enumerate(placed.ids):
                 on = self._names(placed, row)
                 for name, declared in placed.effect.declarations().items():
                     value = getattr(placed.effect, name)[row]
-                    table[(effect_id, name)] = ParameterRow(
-                        effect_id,
-                        placed.effect.kind,
-                        on,
-                        name,
-                        declared,
-                        float(value) if declared.size == 1 else tuple(map(float, value)),
-                        declared.typical * self.scale.of(declared.unit),
-                    )
+                    value = float(value) if declared.size == 1 else tuple(map(float, value))
+                    natural = declared.typical * self.scale.of(declared.unit)
+                    for key, one in {name: value, **_components(name, value)}.items():
+                        table[(effect_id, key)] = ParameterRow(
+                            effect_id, placed.effect.kind, on, key, declared, one, natural
+                        )
         return table
 
     def with_parameters(self, values: Mapping[Address, Array | float]) -> "Model":
@@ -81,8 +89,11 @@ class Model(eqx.Module):
         """
         model = self
         for (effect_id, name), value in values.items():
+            component = COMPONENT.fullmatch(name)
+            name = component["name"] if component else name
             index, row = model._find(effect_id, name)
-            leaf = getattr(model.effects[index].effect, name).at[row].set(value)
+            at = (row, int(component["at"])) if component else row
+            leaf = getattr(model.effects[index].effect, name).at[at].set(value)
             model = eqx.tree_at(lambda m, i=index, n=name: getattr(m.effects[i].effect, n), model, leaf)
         return model
 
@@ -96,14 +107,21 @@ class Model(eqx.Module):
     def _names(self, placed: Placed, row: int) -> tuple[str, ...]:
         t = self.topology
         bodies = t.body_ids + t.fixed_ids
-        names = t.joint_ids if placed.effect.acts_on == "joint" else bodies
+        acts_on = placed.effect.acts_on
+        places = [place for r, place in zip(placed.rows, placed.places, strict=True) if r == row]
+        if acts_on == "effect":
+            return tuple(self.effects[batch].ids[other] for batch, other in places)
+        if places == [()] or (acts_on == "world" and not isinstance(placed.effect, AbstractPush)):
+            return (acts_on,)
+        names = {"joint": t.joint_ids, "world": t.joint_ids, "marker": self.marker_ids, "camera": self.marker_ids}
+        table = names.get(acts_on, bodies)
         if isinstance(placed.effect, AbstractSection):
-            names = tuple(map(whole, t.joint_ids))
-        if placed.effect.acts_on in ("world", "camera"):
-            return (placed.effect.acts_on,)
-        return tuple(
-            str(names[i]) for r, place in zip(placed.rows, placed.places, strict=True) if r == row for i in place
-        )
+            table = tuple(map(whole, t.joint_ids))
+        return tuple(str(table[i]) for place in places for i in place)
+
+
+def _components(name: str, value: float | tuple[float, ...]) -> dict[str, float]:
+    return {f"{name}[{i}]": one for i, one in enumerate(value)} if isinstance(value, tuple) else {}
 
 
 def world_axis(axes: Float[Array, "joints 3"]) -> Float[Array, "3"]:

@@ -1,5 +1,7 @@
 """The effects of one kind in a model, and where each of them acts."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,7 +18,8 @@ class Placed(eqx.Module):
     ids: tuple[str, ...] = eqx.field(static=True)
     rows: tuple[int, ...] = eqx.field(static=True)
     places: tuple[tuple[int, ...], ...] = eqx.field(static=True)
-    """Joint index (1), or body slots (1 or 2), of each place."""
+    """Of each place: joint or marker index (1), body slots (1 or 2), batch and row of another effect (2); none (0)
+    where it acts on all of a measurement, or where the shape itself says where."""
     shares: tuple[float, ...] = eqx.field(static=True, default=())
     """Part of the effect that acts at each place; empty where it is all of it."""
 
@@ -27,6 +30,10 @@ class Placed(eqx.Module):
         if np.array_equal(rows, np.arange(len(self.ids))):
             return self.effect
         return jax.tree.map(lambda leaf: leaf[rows], self.effect)
+
+    def each(self) -> list[Any]:
+        """The effect at each place, by itself."""
+        return [jax.tree.map(lambda leaf, r=row: leaf[r], self.effect) for row in self.rows]
 
     def at(self, column: int = 0) -> np.ndarray:
         """(places,) joint indices or body slots."""

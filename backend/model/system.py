@@ -13,16 +13,18 @@ from jaxtyping import Array, Float
 
 from backend.effects.gravity import Gravity
 from backend.effects.shapes import (
+    AbstractBaseMotion,
     AbstractBodyForce,
     AbstractDrag,
-    AbstractDrawnError,
     AbstractDryFriction,
+    AbstractHold,
     AbstractJointClearance,
     AbstractJointDamping,
     AbstractJointEffort,
     AbstractJointInertia,
     AbstractJointMotion,
     AbstractJointStop,
+    AbstractPush,
     AbstractRateFriction,
     AbstractSection,
     AbstractStrut,
@@ -31,6 +33,7 @@ from backend.effects.shapes import (
 from backend.frames import quaternion
 from backend.joints.catalogue import joint_of_type
 from backend.joints.joint import TURN
+from backend.model.as_made import amended, marker_points, redraw
 from backend.model.contacts import JointContacts, joint_contacts
 from backend.model.drawing import Drawing
 from backend.model.model import Model
@@ -98,6 +101,11 @@ class System(eqx.Module):
     rate_frictions: tuple[Placed, ...]
     motions: tuple[Placed, ...]
     struts: tuple[Placed, ...]
+    markers: Float[Array, "markers 3"]
+    held_s: Float[Array, ""]
+    """Time from the stated release to the true one."""
+    bases: tuple[Placed, ...]
+    pushes: tuple[Placed, ...]
 
     @property
     def pairs(self) -> np.ndarray:
@@ -147,6 +155,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
 
     tolerance: error of a step's displacement, in mechanism lengths, at which Newton's method stops.
     """
+    model = amended(model)
     topology, drawing = model.topology, redraw(model)
     joints = len(topology.joint_ids)
     motions = model.of(AbstractJointMotion)
@@ -203,13 +212,26 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         rate_frictions=tuple(model.of(AbstractRateFriction)),
         motions=tuple(motions),
         struts=tuple(struts),
+        markers=model.marker_points,
+        held_s=sum((jnp.sum(jax.vmap(lambda e: e.delay())(p.here)) for p in model.of(AbstractHold)), jnp.zeros(())),
+        bases=tuple(model.of(AbstractBaseMotion)),
+        pushes=tuple(model.of(AbstractPush)),
     )
     pairs = made.pairs
     ends = np.array(topology.struts, dtype=int).reshape(-1, 2)
     met = np.array(topology.touches, dtype=int).reshape(-1, 2)
     point_a, point_b = made.point(pairs[:, 0], drawing.point_a), made.point(pairs[:, 1], drawing.point_b)
     return eqx.tree_at(
-        lambda s: (s.point_a, s.point_b, s.compliance, s.strut_a, s.strut_b, s.touches.first, s.touches.second),
+        lambda s: (
+            s.point_a,
+            s.point_b,
+            s.compliance,
+            s.strut_a,
+            s.strut_b,
+            s.markers,
+            s.touches.first,
+            s.touches.second,
+        ),
         made,
         (
             point_a,
@@ -217,6 +239,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
             _compliance(made, pairs, point_a, point_b),
             made.point(ends[:, 0], _joined([a for a, _ in anchors], (0, 3))),
             made.point(ends[:, 1], _joined([b for _, b in anchors], (0, 3))),
+            made.point(np.array(model.marker_bodies, dtype=int), marker_points(model)),
             *(_from_center(made, met[:, side], c) for side, c in enumerate((made.touches.first, made.touches.second))),
         ),
     )
@@ -224,15 +247,6 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
 
 def _from_center(made: System, body: np.ndarray, capsule: Capsule) -> Capsule:
     return Capsule(made.point(body, capsule.start), made.point(body, capsule.end), capsule.radius)
-
-
-def redraw(model: Model) -> Drawing:
-    """The drawing after every error of what was drawn."""
-    drawing = model.drawing
-    for placed in model.of(AbstractDrawnError):
-        for row, (body, *_) in zip(placed.rows, placed.places, strict=True):
-            drawing = jax.tree.map(lambda leaf, r=row: leaf[r], placed.effect).redraw(drawing, body)
-    return drawing
 
 
 def _compliance(made: System, pairs: np.ndarray, point_a: Array, point_b: Array) -> Array:

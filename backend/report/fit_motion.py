@@ -9,10 +9,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from backend.fit.prediction import with_values
+from backend.fit.prediction import begin, known_drives, with_values
 from backend.model.system import system
 from backend.report.evidence import Motion
-from backend.simulate.assemble import start
 from backend.simulate.rollout import rollout
 from backend.simulate.run import as_run
 
@@ -29,14 +28,13 @@ def fitted_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motio
     values = run.every(x[: len(residuals.parameters)])
     model = with_values(setting.model, run.addresses, jnp.asarray(values))
     plant = system(model)
-    begin = start(
-        plant, setting.reference, np.asarray(setting.motions), jnp.asarray(own[: run.mobility]), jnp.asarray(rates)
-    )
-    path = eqx.filter_jit(rollout)(plant, begin, run.step_s, setting.steps, setting.record)
+    start = begin(setting, model, plant, jnp.asarray(own[: run.mobility]), jnp.asarray(rates))
+    record = known_drives(setting, model, plant, run.step_s)
+    path = eqx.filter_jit(rollout)(plant, start, run.step_s, setting.steps, record)
     played = as_run(run.experiment.id, model, plant, path, run.step_s)
     kept = played.time_s <= run.duration_s
     return Motion(
-        played.time_s[kept] + run.data.release_s,
+        played.time_s[kept] + run.data.release_s + float(plant.held_s),
         {body: played.position_m[body][kept] for body in moving},
         {body: played.quaternion_wxyz[body][kept] for body in moving},
     )

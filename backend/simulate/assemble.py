@@ -9,12 +9,15 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from backend.frames import quaternion
 from backend.frames.quaternion import tangent_map
 from backend.model.state import Pose, Start
 from backend.model.system import System
 from backend.simulate import forces, kinematics, linear
 from backend.simulate.momentum import BodyRows, instantaneous
+from backend.simulate.push import pushed
 from backend.simulate.redundancy import null_space
+from backend.simulate.small import apply
 
 MAX_ITERATIONS = 30
 CLOSED = 1e-12  # rows of a closed joint, in mechanism lengths: 100 times rounding
@@ -173,13 +176,24 @@ def start(
     motions: Float[np.ndarray, "slots 6 mobility"],
     coordinates: Float[Array, "mobility"],
     rates: Float[Array, "mobility"],
+    shift: Float[Array, "slots 3"] | None = None,
 ) -> Start:
     """A start on the closed mechanism, `coordinates` away from a reference pose along its free motions.
 
-    motions: from `free_motions` at the reference.  Differentiable in everything but the reference.
+    motions: from `free_motions` at the reference.  shift: of each centre of mass since the reference was found, in body
+    axes [m]: parts keep their place when only their centre of mass moves.  A hand's push adds to the rates.
+    Differentiable in everything but the reference.
     """
-    pose = closed(system, reference, jnp.einsum("bim,m->bi", motions, coordinates))
-    return Start(pose, _along(system.centred(), pose, jnp.einsum("bim,m->bi", motions, rates)).xi)
+    moved = jnp.einsum("bim,m->bi", motions, coordinates)
+    if shift is not None:
+        moved = moved.at[:, :3].add(apply(quaternion.rotation(reference.quaternion), shift))
+    pose = closed(system, reference, moved)
+    ideal = system.centred()
+    velocity = _along(ideal, pose, jnp.einsum("bim,m->bi", motions, rates)).xi
+    if system.pushes:
+        each = [_along(ideal, pose, jnp.asarray(motions)[:, :, k]).xi for k in range(motions.shape[-1])]
+        velocity = velocity + pushed(system, pose, jnp.stack(each))
+    return Start(pose, velocity)
 
 
 def free_motions(system: System, pose: Pose) -> Float[np.ndarray, "slots 6 mobility"]:

@@ -27,6 +27,8 @@ class Motion(eqx.Module):
     """All that the next step needs to know."""
 
     pose: Pose
+    time_s: Array
+    """Since the stated release."""
     momentum: BodyRows
     """P⁻ of the step before: what each body brings to q_k."""
     before_s: Array

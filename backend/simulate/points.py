@@ -17,7 +17,7 @@ def marker_positions(model: Model, system: System, pose: Pose) -> Float[Array, "
     """World positions of the drawing's markers at one pose [m]."""
     placed = kinematics.bodies(system, pose)
     which = np.array(model.marker_bodies, dtype=int)
-    return placed.position[which] + apply(placed.rotation[which], system.point(which, model.marker_points))
+    return placed.position[which] + apply(placed.rotation[which], system.markers)
 
 
 def marker_paths(model: Model, system: System, trajectory: Trajectory) -> Float[Array, "nodes markers 3"]:
@@ -28,13 +28,12 @@ def marker_paths(model: Model, system: System, trajectory: Trajectory) -> Float[
 def marker_velocities(model: Model, system: System, trajectory: Trajectory) -> Float[Array, "nodes markers 3"]:
     """World velocities of the drawing's markers over a motion [m/s]."""
     which = np.array(model.marker_bodies, dtype=int)
-    lever = system.point(which, model.marker_points)
 
     def at(pose: Pose, velocity: Array) -> Array:
         placed = kinematics.bodies(system, pose)
         resting = jnp.zeros((system.fixed_position.shape[0], 6))
         moving = jnp.concatenate([velocity, resting])[which]
-        return moving[:, :3] + apply(placed.rotation[which], jnp.cross(moving[:, 3:], lever))
+        return moving[:, :3] + apply(placed.rotation[which], jnp.cross(moving[:, 3:], system.markers))
 
     return jax.vmap(at)(trajectory.pose, trajectory.velocity)
 

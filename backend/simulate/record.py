@@ -28,6 +28,15 @@ class Record(eqx.Module):
             system = _with_value(system, effect, name, value)
         return system
 
+    def later(self, delay_s: Array, step_s: float | Array) -> "Record":
+        """The record as it acts on steps that begin later; its last values hold on."""
+        last = self.values.shape[0] - 1
+        at = jnp.arange(last + 1) + delay_s / step_s
+        first = jnp.clip(jnp.floor(at).astype(int), 0, last)
+        share = (at - first)[:, None]
+        here, next_ = self.values[first], self.values[jnp.minimum(first + 1, last)]
+        return Record(here + share * (next_ - here), self.addresses)
+
 
 def on_steps(
     model: Model,

@@ -58,6 +58,7 @@ def depart(system: System, start: Start) -> Motion:
     rates = all_rates(system, rows.jacobian, start.velocity)
     return Motion(
         pose=start.pose,
+        time_s=system.held_s,
         momentum=instantaneous(system, start.velocity),
         before_s=jnp.zeros(()),
         velocity=start.velocity,
@@ -145,7 +146,8 @@ def march(
 
     def advance(carry: tuple[Motion, Array], drives: Array | None) -> tuple[tuple[Motion, Array], Seen]:
         motion, lost = carry
-        acting = system if record is None or drives is None else record.apply(system, drives)
+        acting = shaken(system, motion.time_s)
+        acting = acting if record is None or drives is None else record.apply(acting, drives)
         if halvings:
             after, gone, seen = _cut_step(acting, motion, lost, step_s, halvings)
         else:
@@ -156,6 +158,14 @@ def march(
         return (kept, gone), seen._replace(lost=gone)
 
     return lax.scan(advance, carry, None if record is None else record.values, length=steps)
+
+
+def shaken(system: System, time_s: Array) -> System:
+    """The system in the frame of a base that shakes: weight takes the base's acceleration off."""
+    if not system.bases:
+        return system
+    acceleration = sum((base.acceleration(time_s) for placed in system.bases for base in placed.each()), jnp.zeros(3))
+    return eqx.tree_at(lambda s: s.forces[0].effect.gravity_m_per_s2, system, replace_fn=lambda g: g - acceleration)
 
 
 class _Attempt(NamedTuple):

@@ -20,7 +20,8 @@ from backend.model.model import Address, Model
 from backend.model.state import Pose, Start, drawn_pose
 from backend.model.system import TOLERANCE, System, system
 from backend.simulate import invariants, kinematics, points
-from backend.simulate.assemble import closed, worst_gap
+from backend.simulate.assemble import closed, free_motions, worst_gap
+from backend.simulate.assemble import start as start_at
 from backend.simulate.equations import Motion
 from backend.simulate.record import Record, on_steps
 from backend.simulate.reduced import STRETCH, Kept, march_reduced
@@ -43,6 +44,7 @@ _march = eqx.filter_jit(march)
 HALVINGS = 10  # times a step may be cut in two before the motion is lost
 _depart = eqx.filter_jit(depart)
 _closed = eqx.filter_jit(closed)
+_start = eqx.filter_jit(start_at)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +95,9 @@ def simulate(
     threshold: float | None = None,
     tolerance: float = TOLERANCE,
 ) -> Run:
-    """Let a drawing go from rest at its drawn pose, under the effects it lists.
+    """Let a drawing go at its drawn pose, from rest unless a hand pushes it, under the effects it lists.
+
+    Time counts from the true release; bodies are seen from the base, should it shake.
 
     inputs: recorded drives as ((effect id, parameter), times [s], values).  progress(done, total) counts steps.
     solve: `compliance` lets every held row give way, `reduced` lets redundant rows go (docs/redundancy.md).  threshold:
@@ -116,7 +120,11 @@ def simulate(
     steps = round(duration_s / step_s)
     _check_drives(model, plant, inputs)
     start = Start(assembled(model, plant), jnp.zeros((model.topology.slots, 6)))
-    record = on_steps(model, inputs, step_s, steps + CHUNK) if inputs else None
+    if plant.pushes:
+        motions = free_motions(plant, start.pose)
+        none = jnp.zeros(motions.shape[-1])
+        start = _start(plant, start.pose, motions, none, none)
+    record = on_steps(model, inputs, step_s, steps + CHUNK, float(plant.held_s)) if inputs else None
     found = None
     if solve == "reduced" or threshold is not None or plant.rigid_rows.sum() <= MOST_ROWS:
         found = redundancy(plant, start.pose, threshold)

@@ -207,6 +207,7 @@ def step(
     velocity = xi / step_s
     after = Motion(
         pose=pose,
+        time_s=motion.time_s + step_s,
         momentum=momentum(system, xi, step_s, -1.0),
         before_s=jnp.asarray(step_s),
         velocity=velocity,

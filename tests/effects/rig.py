@@ -41,6 +41,12 @@ GIVEN = {  # parameters that a drawing must give
         "radius_b_m": 0.001,
     },
 }
+ELSEWHERE = (  # a stop is out of reach; the others show in what is measured, or not at all while they are zero
+    "joint_stop",
+    "late_release",
+    "release_velocity",
+    "base_motion",
+)
 STRIKING = ("clearance", "link_contact")
 SIZES = {  # what is large enough to see in a quarter of a second, and not so large that motion stops
     "free_length_m": 0.1,
@@ -68,7 +74,15 @@ SHARE = 0.05  # of the natural size, for all other parameters
 
 def members(kinds: Iterable[str]) -> list:
     """Effects of these kinds on the bar, or on its pin and rail."""
-    places = {"joint": "all", "body": ["bar"], "bodies": ["bar", "ground"], "world": ["world"], "camera": ["camera"]}
+    places = {
+        "joint": "all",
+        "body": ["bar"],
+        "bodies": ["bar", "ground"],
+        "effect": ["extension_spring"],
+        "marker": ["bead"],
+        "world": ["world"],
+        "camera": ["camera"],
+    }
     return [effect(kind, kind, places[catalogue()[kind].acts_on], **GIVEN.get(kind, {})) for kind in kinds]
 
 
@@ -113,8 +127,8 @@ def scalars(model: Model) -> list[Address]:
         address
         for address, row in model.parameters.items()
         if row.declaration.size == 1
-        and catalogue()[row.kind].acts_on != "camera"
-        and row.kind != "joint_stop"
+        and catalogue()[row.kind].acts_on not in ("camera", "marker")
+        and row.kind not in ELSEWHERE
         and carrier(row.kind) is model
     ]
 

@@ -24,8 +24,11 @@ from backend.effects.shapes import (
     AbstractJointStop,
     AbstractLinkContact,
     AbstractRateFriction,
+    AbstractShutter,
     AbstractStrut,
     AbstractView,
+    Camera,
+    Sight,
 )
 from tests.effects import rig
 
@@ -180,12 +183,23 @@ def test_a_friction_limit_asks_how_fast_and_not_which_way_and_is_never_negative(
     np.testing.assert_array_equal(limits, back)
 
 
+CAMERA = Camera(jnp.array([0.0, 0.0, 1.0]), jnp.array([0.0, -1.0, 0.0]), jnp.array([0.1, 0.2, 0.0]), jnp.ones(()))
+SIGHT = Sight(*np.random.default_rng(1).standard_normal((2, 4, 3)), np.linspace(-0.1, 1.0, 4))
+
+
 @pytest.mark.parametrize("kind", of(AbstractView))
 def test_a_perfect_camera_reports_what_is_there(kind):
     effect = EFFECTS[kind](**{n: jnp.zeros(()) for n in EFFECTS[kind].declarations()})
-    points = np.random.default_rng(1).standard_normal((4, 3))
-    np.testing.assert_allclose(effect.view(points, jnp.array([0.0, 0.0, 1.0])), points, atol=1e-15)
-    assert np.abs(example(kind).view(points, jnp.array([0.0, 0.0, 1.0])) - points).max() > 0.1
+    points = SIGHT.p_WP
+    np.testing.assert_allclose(effect.view(SIGHT, CAMERA), points, atol=1e-15)
+    assert np.abs(example(kind).view(SIGHT, CAMERA) - points).max() > 0.1
+
+
+@pytest.mark.parametrize("kind", of(AbstractShutter))
+def test_a_shutter_that_opens_at_once_sees_all_points_at_one_time(kind):
+    effect = EFFECTS[kind](**{n: jnp.zeros(()) for n in EFFECTS[kind].declarations()})
+    np.testing.assert_array_equal(effect.delay(SIGHT, CAMERA), 0.0)
+    assert np.abs(example(kind).delay(SIGHT, CAMERA)).max() > 0.1
 
 
 @pytest.mark.parametrize("kind", of(AbstractClock))

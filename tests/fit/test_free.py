@@ -28,6 +28,7 @@ def mechanism():
     effects = [
         {"id": "s1", "kind": "extension_spring", "on": ["block", "ground"],
          "parameters": {"anchor_a_m": [0, 0, 0], "anchor_b_m": [1, 0, 0], "stiffness_n_per_m": 200.0}},
+        {"id": "push", "kind": "applied_force", "on": ["block"], "parameters": {"direction": [1, 0, 0]}},
         {"id": "grease", "kind": "viscous_friction", "on": ["j1"], "parameters": {"damping_n_m_s_per_rad": 0.3}},
     ]  # fmt: skip
     return parse_mechanism(
@@ -130,13 +131,44 @@ def test_a_motion_is_freed_at_the_joint_where_it_is_drawn(mechanism):
         ("viscous_friction:j1.stiffness", "is unknown there"),
         ("prescribed_motion:*", "applies nowhere.*draw it"),
         ("prescribed_motion:j1", "does not act at 'j1'"),
-        ("extension_spring:s1.anchor_a_m", "holds several numbers"),
+        ("extension_spring:s1.anchor_a_m[3]", "not one of its numbers"),
+        ("applied_force:push.direction", "is a direction"),
+        ("spring_stiffness_error:grease", "does not act at 'grease'.*s1"),
+        ("release_velocity:weld", "does not act at 'weld'"),
         ("viscous_friction:j1,viscous_friction:all", "are the same number"),
     ],
 )
 def test_a_spec_that_cannot_be_read_says_what_can(mechanism, spec, sentence):
     with pytest.raises(ValueError, match=sentence):
         free_parameters(mechanism, [spec])
+
+
+def test_each_number_of_several_is_free_by_itself_and_those_out_of_the_plane_are_left_out(mechanism):
+    planar = mechanism.model_copy(update={"joints": mechanism.joints[:2]})  # both turn about z, and nothing slides
+    assert names(planar, "center_of_mass_error:link1") == [
+        "center_of_mass_error:link1.offset_m[0]",
+        "center_of_mass_error:link1.offset_m[1]",
+    ]
+    assert names(planar, "base_motion:world") == [
+        "base_motion:world.amplitude_m[0]",
+        "base_motion:world.amplitude_m[1]",
+    ]
+    assert names(planar, "joint_axis_error:j1") == ["joint_axis_error:j1.rad[0]", "joint_axis_error:j1.rad[1]"]
+    assert len(names(mechanism, "center_of_mass_error:link1")) == 3  # the slider leaves the plane
+    (named,) = free_parameters(planar, ["center_of_mass_error:link1.offset_m[2]"]).parameters
+    assert named.addresses == (("center_of_mass_error@link1", "offset_m[2]"),)
+    (anchor,) = free_parameters(mechanism, ["extension_spring:s1.anchor_b_m[0]"]).parameters
+    assert anchor.start == 1.0
+
+
+def test_a_push_is_free_at_the_first_joint_or_where_it_is_named_in_the_unit_of_the_joint(mechanism):
+    assert names(mechanism, "release_velocity") == ["release_velocity:world.rad_per_s"]
+    assert names(mechanism, "release_velocity:slide") == ["release_velocity:slide.m_per_s"]
+
+
+def test_an_error_of_a_spring_stands_on_the_drawn_spring(mechanism):
+    assert names(mechanism, "spring_stiffness_error:*") == ["spring_stiffness_error:s1.relative"]
+    assert names(mechanism, "spring_preload_error:s1") == ["spring_preload_error:s1.n"]
 
 
 def test_a_link_that_was_drawn_rigid_begins_to_bend_a_little(mechanism):

@@ -5,7 +5,6 @@ import json
 import math
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -263,12 +262,6 @@ def test_every_kind_of_the_format_is_known():
         for spec in kind.parameters.values():
             assert spec.doc
             assert spec.default is None or spec.lower is None or min([spec.default]) >= spec.lower
-
-
-def test_what_is_simulated_does_not_stand_among_the_reserved():
-    folder = Path(sys.modules["backend.mechanism.kinds"].__file__).parent
-    both = [set(json.loads((folder / f"{name}_kinds.json").read_text("utf-8"))) for name in ("effect", "reserved")]
-    assert both[0] & both[1] == set()
 
 
 def test_the_schemas_in_the_docs_are_fresh():

@@ -174,12 +174,6 @@ def test_a_joint_drawn_outside_its_limits_is_warned_about(drawings):
     assert any("outside its limits 0.1 to inf" in text for text in report(document).warnings)
 
 
-def test_an_effect_that_cannot_be_simulated_yet_is_warned_about(drawings):
-    document = drawings.pendulum()
-    document["effects"].append({"id": "e9", "kind": "base_motion", "on": ["world"], "parameters": {}})
-    assert any('effect "e9": base_motion is read but not simulated' in text for text in report(document).warnings)
-
-
 def test_effects_of_contact_are_read_without_a_warning(drawings):
     document = drawings.scissor(2)
     for joint in document["joints"]:

@@ -141,3 +141,27 @@ def test_a_capsule_that_joints_cannot_tell_is_refused():
     meet = effect("meet", "link_contact", ["link", "ground"], radius_a_m=0.005, radius_b_m=0.004)
     with pytest.raises(ValueError, match="'meet': body 'link' has fewer than two joints"):
         build(pendulum(), [meet])
+
+
+def test_one_number_of_several_has_an_address_of_its_own():
+    offset = effect("lean", "center_of_mass_error", ["link"], offset_m=[0.01, 0.02, 0.0])
+    model = build(pendulum(effects=[offset])).with_parameters({("lean", "offset_m[1]"): 0.05})
+    assert model.parameters[("lean", "offset_m")].value == (0.01, 0.05, 0.0)
+    row = model.parameters[("lean", "offset_m[1]")]
+    assert row.value == 0.05
+    assert row.expected == pytest.approx(row.declaration.expected * row.natural)
+
+
+def test_a_camera_looks_at_the_middle_of_what_is_drawn_with_weight_down_the_picture():
+    camera = build(pendulum(angle=0.0, length=0.2)).camera
+    np.testing.assert_allclose(camera.center, [0.0, -0.1, 0.0], atol=1e-12)
+    np.testing.assert_allclose(camera.down, [0.0, -1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(np.cross(camera.right, camera.down), camera.axis, atol=1e-12)
+    assert float(camera.reach) == pytest.approx(0.2)
+
+
+def test_an_error_of_a_spring_on_something_else_is_refused():
+    grease = effect("grease", "viscous_friction", ["pin"], damping_n_m_s_per_rad=0.1)
+    wrong = effect("soft", "spring_stiffness_error", ["grease"], relative=0.1)
+    with pytest.raises(ValueError, match=r"cannot act on 'grease'.*extension_spring or torsion_spring"):
+        build(pendulum(effects=[grease]), [wrong])

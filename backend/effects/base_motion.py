@@ -1,0 +1,30 @@
+"""A base that shakes: a table, a floor, a hand that holds the rig."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from backend.effects.effect import parameter
+from backend.effects.shapes import AbstractBaseMotion
+
+
+class BaseMotion(AbstractBaseMotion):
+    """The base shakes along a line, s(t) = amplitude sin(2π f t + phase); time counts from the stated release.
+
+    Every body feels -m s''(t) beside its weight, and a camera that stands still sees everything moved by s(t).  The
+    mechanism is computed in the base's frame: it is held, and let go at rest, with respect to the base, and a simulated
+    run shows it as seen from there.  Air and bed move with the base.
+    """
+
+    kind = "base_motion"
+    acts_on = "world"
+    amplitude_m: Float[Array, "3"] = parameter("m", "of the base's displacement, in W", size=3, expected=0.01)
+    frequency_hz: Float[Array, ""] = parameter("Hz", "of the shaking", default=1.0, lower=0.0, by_name=True)
+    phase_rad: Float[Array, ""] = parameter("rad", "at the stated release", by_name=True)
+
+    def displacement(self, time_s):
+        """A sine."""
+        return jnp.sin(2 * jnp.pi * self.frequency_hz * time_s + self.phase_rad)[..., None] * self.amplitude_m
+
+    def acceleration(self, time_s):
+        """Its second derivative."""
+        return -((2 * jnp.pi * self.frequency_hz) ** 2) * self.displacement(time_s)

@@ -1,0 +1,39 @@
+"""A camera that does not face the plane of motion."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from backend.effects.effect import parameter
+from backend.effects.shapes import AbstractView
+
+FAR = 3.0  # extents of the mechanism from which a lens of 40° sees a picture that is two extents high
+
+
+class CameraTilt(AbstractView):
+    """The camera leans about the picture's middle (keystone): what comes nearer is reported larger.
+
+    Points turn about the middle of what is drawn, by pitch, then yaw, and are projected from the camera's distance; at
+    zero every point is reported where it is, whatever its depth.
+    """
+
+    kind = "camera_tilt"
+    acts_on = "camera"
+    pitch_rad: Float[Array, ""] = parameter("rad", "about the picture's horizontal", expected=0.05)
+    yaw_rad: Float[Array, ""] = parameter("rad", "about the picture's vertical", expected=0.05)
+    distance_m: Float[Array, ""] = parameter(
+        "m", "from the camera to the mechanism; 0: three times the extent of what is drawn", lower=0.0, by_name=True
+    )
+
+    def view(self, sight, camera):
+        """Turn in the camera's axes (right, down, along), then divide by the depth gained."""
+        axes = jnp.stack([camera.right, camera.down, camera.axis])
+        drawn = (sight.p_WP - camera.center) @ axes.T
+        x, y, z = jnp.moveaxis(drawn, -1, 0)
+        cos, sin = jnp.cos(self.pitch_rad), jnp.sin(self.pitch_rad)
+        turned_y, deep = cos * y - sin * z, sin * y + cos * z
+        cos, sin = jnp.cos(self.yaw_rad), jnp.sin(self.yaw_rad)
+        turned_x, deep = cos * x + sin * deep, -sin * x + cos * deep
+        distance = jnp.where(self.distance_m > 0, self.distance_m, FAR * camera.reach)
+        nearer = distance / (distance + deep - z)
+        seen = jnp.stack([nearer * turned_x, nearer * turned_y, z], -1)
+        return sight.p_WP + (seen - drawn) @ axes

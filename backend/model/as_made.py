@@ -1,0 +1,42 @@
+"""A mechanism as it was made: the drawing, its springs and its markers after every error of what was drawn."""
+
+import dataclasses
+
+import jax
+from jaxtyping import Array, Float
+
+from backend.effects.shapes import AbstractDrawnError, AbstractMarkerError, AbstractSpringError
+from backend.frames import quaternion
+from backend.model.drawing import Drawing
+from backend.model.model import Model
+
+
+def amended(model: Model) -> Model:
+    """The model in which every spring is as it really is, and no error of one is left."""
+    effects = list(model.effects)
+    for placed in model.of(AbstractSpringError):
+        for error, (batch, row) in zip(placed.each(), placed.places, strict=True):
+            real = error.amend(jax.tree.map(lambda leaf, r=row: leaf[r], effects[batch].effect))
+            leaves = jax.tree.map(lambda all_, one, r=row: all_.at[r].set(one), effects[batch].effect, real)
+            effects[batch] = dataclasses.replace(effects[batch], effect=leaves)
+    kept = tuple(p for p in effects if not isinstance(p.effect, AbstractSpringError))
+    return dataclasses.replace(model, effects=kept)
+
+
+def marker_points(model: Model) -> Float[Array, "markers 3"]:
+    """Where markers really sit, in the axes of their bodies."""
+    points, R_WB = model.marker_points, quaternion.rotation(model.drawn_poses[:, 3:])
+    for placed in model.of(AbstractMarkerError):
+        for error, (marker,) in zip(placed.each(), placed.places, strict=True):
+            axis_B = R_WB[model.marker_bodies[marker]].T @ model.view_axis
+            points = points.at[marker].set(error.moved(points[marker], axis_B))
+    return points
+
+
+def redraw(model: Model) -> Drawing:
+    """The drawing after every error of what was drawn."""
+    drawing = model.drawing
+    for placed in model.of(AbstractDrawnError):
+        for error, (place, *_) in zip(placed.each(), placed.places, strict=True):
+            drawing = error.redraw(drawing, place)
+    return drawing
