@@ -11,8 +11,8 @@ from backend.blind.withheld.contact import STOP_LOSS_S_PER_RAD, hunt_crossley
 from backend.blind.withheld.laws import Laws
 from backend.blind.withheld.linkage import Linkage
 
-BRISTLE_RAD = 1e-3  # how far a stuck pin turns before it slides
-BRISTLE_M = 5e-5  # and a stuck slide
+BRISTLE_RAD = 4e-4  # how far a stuck pin turns before it slides
+BRISTLE_M = 3e-5  # and a stuck slide
 CREEP_RAD_PER_S = 0.03  # where a smooth sign of the rate stands for the bristles
 CREEP_M_PER_S = 3e-3
 BRISTLE_DAMPING_S = 4e-3  # σ1 over σ0: presliding swings die within a few
@@ -63,10 +63,11 @@ def friction(
     if bristle is None:
         return one_way - limit * level * np.tanh(rate / creep), np.zeros_like(rate)
     bend = np.where(turning, BRISTLE_RAD, BRISTLE_M)
-    bending = (rate - np.abs(rate) * bristle / level) / bend
+    dry = (laws.coulomb + laws.rub + laws.bump) > 0
+    bending = dry * (rate - np.abs(rate) * bristle / level) / bend
     # The bristles' own damping fades as they slide (Olsson 1996), or it would add a viscous friction.
     fading = np.exp(-((rate / creep) ** 2))
-    return one_way - limit * (bristle + BRISTLE_DAMPING_S * fading * bending * (limit > 0)), bending
+    return one_way - limit * (bristle + BRISTLE_DAMPING_S * fading * bending), bending
 
 
 def strut(linkage: Linkage, laws: Laws, gap: np.ndarray) -> np.ndarray:

@@ -123,7 +123,7 @@ def _frame(linkage: Linkage, body: int, pin: Pin) -> dict[str, Any]:
     if pin.slide is None:
         turn = _attitude(linkage, pin.b)
     else:
-        turn = UPRIGHT * Rotation.from_euler("zy", [float(np.angle(pin.slide)), np.pi / 2])
+        turn = UPRIGHT * Rotation.from_euler("ZY", [float(np.angle(pin.slide)), np.pi / 2])
     inside = _attitude(linkage, body).inv() * turn
     return {"position_m": vector(linkage.inside(body, pin.at), bool(body)), "quaternion_wxyz": _quaternion(inside)}
 

@@ -7,11 +7,11 @@ are about that point.  Its clock counts from the release: true time = stated tim
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from backend.blind.withheld.laws import Laws
-from backend.blind.withheld.motion import Motion
 
 DISTANCE = 4.0  # of the camera from the plane, over the rig's size
 PICTURE = 1.3  # its height, over twice the rig's size
@@ -28,16 +28,25 @@ class Noise:
     told: bool
 
 
-def seen(motion: Motion, since_release_s: np.ndarray, elapsed_s: np.ndarray) -> np.ndarray:
+class Path(Protocol):
+    """Where markers truly are, whoever moved them."""
+
+    def markers(self, time_s: np.ndarray) -> np.ndarray:
+        """(rows, times, markers), complex [m], at times since the release (rows, times)."""
+        ...
+
+
+def seen(
+    path: Path, laws: Laws, size: float, since_release_s: np.ndarray, elapsed_s: np.ndarray
+) -> np.ndarray:
     """Marker places as reported (rows, times, markers), complex [m], without noise.
 
     since_release_s, elapsed_s: stated times since the release and since the record began (rows, times).
     """
-    laws, size = motion.plant.laws, motion.plant.linkage.size
     true = true_time(laws, since_release_s)
-    p = motion.markers(np.maximum(true, 0.0))
+    p = path.markers(np.maximum(true, 0.0))
     if laws.has("readout"):
-        p = _rolled(motion, laws, true, p, size)
+        p = _rolled(path, laws, true, p, size)
     return reported(laws, p, since_release_s, elapsed_s, size)
 
 
@@ -60,10 +69,10 @@ def reported(
     return p + laws.drift[:, None] * elapsed_s[:, :, None]
 
 
-def _rolled(motion: Motion, laws: Laws, true: np.ndarray, p: np.ndarray, size: float) -> np.ndarray:
+def _rolled(path: Path, laws: Laws, true: np.ndarray, p: np.ndarray, size: float) -> np.ndarray:
     """The same points, each at the time its own row of the picture is read, top row first."""
     row = np.clip(0.5 - p.imag / (2 * PICTURE * size), 0.0, 1.0)
-    half, whole = (motion.markers(np.maximum(true + share * laws.readout[:, None], 0.0)) for share in (0.5, 1.0))
+    half, whole = (path.markers(np.maximum(true + share * laws.readout[:, None], 0.0)) for share in (0.5, 1.0))
     return p * (2 * row - 1) * (row - 1) + half * 4 * row * (1 - row) + whole * row * (2 * row - 1)
 
 

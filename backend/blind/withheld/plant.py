@@ -30,7 +30,7 @@ class Plant:
         self.n, self.pins = tree.n, len(linkage.pins)
         links = linkage.links
         self.rubs = laws.has("coulomb", "rub", "bump", "one_way")
-        self.bristles = crisp and self.rubs
+        self.bristles = crisp and laws.has("coulomb", "rub", "bump")
         self.yields, self.sloshes = laws.has("yielding"), laws.has("slosh")
         self.mass = np.array([link.mass for link in links]) * (1 + laws.heavier)
         inertia = np.array([link.inertia for link in links]) * (1 + laws.heavier) * (1 + laws.inertia)
@@ -125,12 +125,13 @@ class Plant:
         bristling = np.zeros_like(bristle)
         load = np.zeros_like(rate)
         passes = 1 + 2 * laws.has("rub")  # the load depends on the friction it makes, weakly: pins are thin
-        a = rub = None
+        a = smooth
         for k in range(passes):
             total = smooth
             if self.rubs:
-                rub, bristling = forces.friction(laws, angle, rate, load, bristle if self.bristles else None, self.turning)
+                rub, bending = forces.friction(laws, angle, rate, load, bristle if self.bristles else None, self.turning)
                 total = smooth + rub @ tree.turned
+                bristling = bending if self.bristles else bristling
             full[:, :n], full[:, n:] = total, right
             solved = np.linalg.solve(K, full[..., None])[..., 0]
             a = solved[:, :n]
