@@ -16,7 +16,7 @@ from backend.blind.withheld.linkage import GRAVITY, Linkage
 
 Rng = np.random.Generator
 AIR_KG_PER_M3 = 1.225  # ISO 2533
-STOP_DEPTH_RAD = 3e-3  # how far a blow with the rig's own energy enters a stop
+STOP_DEPTH_RAD = 6e-3  # how far a blow with the rig's own energy enters a stop
 
 
 @dataclass(frozen=True)

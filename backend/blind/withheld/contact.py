@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-STATIC_DEPTH = 0.08  # of the play: how far weight alone presses a pin into its hole
-LOSS_S_PER_M = 8.0  # c of metals and plastics at walking-pace blows: most of the energy of a slow blow is kept back
-STOP_LOSS_S_PER_RAD = 1.5
+STATIC_DEPTH = 0.15  # of the play: how far weight alone presses a pin into its hole
+LOSS_S_PER_M = 20.0  # c of metals and plastics at walking-pace blows: most of the energy of a slow blow is kept back
+STOP_LOSS_S_PER_RAD = 5.0
 
 
 def hunt_crossley(depth: np.ndarray, speed: np.ndarray, stiffness: np.ndarray | float, loss: float) -> np.ndarray:

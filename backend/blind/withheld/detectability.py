@@ -16,16 +16,21 @@ from backend.blind.withheld.causes import KINDS, Cause, Rig, named, places
 from backend.blind.withheld.laws import Change, Laws, as_drawn, changed, stacked
 from backend.blind.withheld.linkage import Linkage
 from backend.blind.withheld.measurement import Noise, seen
-from backend.blind.withheld.motion import Stuck, move
+from backend.blind.withheld.motion import Motion, Stuck, move
+from backend.blind.withheld.plant import Plant
 
 ALIKE = 9.0
-NEAR = 0.2  # of d²: a rival whose first-order remainder is larger is not worth a fit
-FITTED = 3  # rivals that are fitted, at most
+NEAR = 0.1  # of d²: a rival whose first-order remainder is larger is not worth a fit
+FITTED = 2  # rivals that are fitted, at most
 ROUNDS = 3
 PLANAR = {"center_of_mass_error": "centre", "marker_offset": "shifted", "tracker_drift": "drift"}
 # No slope at zero, or more numbers than a rival of one kind should be allowed.
 WITHOUT_SLOPE = ("joint_stop", "clearance", "base_motion", "stribeck_friction")
-START_STEP = 1e-5
+START_STEP = 1e-4  # rad or m
+TOLERANCE = 1e-6  # neighbouring rows take the same steps, so their differences are far more exact
+SEEN_ONLY = frozenset(
+    ("scale", "turn", "pitch", "yaw", "k1", "frame_rate", "time_offset", "readout", "delay", "shifted", "drift")
+)
 
 
 @dataclass(frozen=True)
@@ -102,31 +107,35 @@ class Witness:
     def __init__(self, linkage: Linkage, starts: np.ndarray, record: Record, noise: Noise):
         self.linkage, self.starts, self.record, self.noise = linkage, starts, record, noise
 
-    def shown(self, laws: Laws, starts: np.ndarray) -> np.ndarray:
-        """Whitened records (rows, samples) of realities (rows) released from starts (rows, movers)."""
-        motion = move(self.linkage, laws, starts, self.record.duration_s, tolerance=1e-7)
-        return whitened(seen(motion, laws, self.linkage.size, *self.record.rows(laws.rows)), self.noise)
-
     def slopes(
-        self, at: Sequence[Laws], starts: Sequence[np.ndarray], directions: Sequence[Sequence[tuple[Change, ...]]]
-    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """For each of several laws (one row each) with its starts and directions: record (experiments, samples), its
-        slopes along the starts (experiments, samples, movers) and along the directions (..., directions)."""
-        count = len(self.starts)
-        laws, begins = [], []
-        for one, begin, ways in zip(at, starts, directions, strict=True):
-            moved = [begin + START_STEP * np.eye(begin.shape[1])[k] for k in range(begin.shape[1])]
-            laws += [one] * (1 + len(moved)) + [changed(one, way) for way in ways]
-            begins += [begin, *moved] + [begin] * len(ways)
-        shown = self.shown(stacked(laws).repeated(count), np.concatenate(begins)).reshape(len(laws), count, -1)
-        answers, k = [], 0
-        for begin, ways in zip(starts, directions, strict=True):
-            base, m = shown[k], begin.shape[1]
-            along_start = (shown[k + 1 : k + 1 + m] - base) / START_STEP
-            along = shown[k + 1 + m : k + 1 + m + len(ways)] - base
-            answers.append((base, np.moveaxis(along_start, 0, -1), np.moveaxis(along, 0, -1)))
-            k += 1 + m + len(ways)
-        return answers
+        self, laws: Laws, starts: np.ndarray, directions: Sequence[tuple[Change, ...]]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Around one row of laws and the starts: the record (experiments, samples), its slopes along the starts
+        (experiments, samples, movers) and along the directions (experiments, samples, directions).
+        """
+        count, movers = starts.shape
+        seen_only = [all(change.field in SEEN_ONLY for change in way) for way in directions]
+        moving = [changed(laws, way) for way, only in zip(directions, seen_only, strict=True) if not only]
+        begins = [starts, *(starts + START_STEP * e for e in np.eye(movers)), *([starts] * len(moving))]
+        rows = stacked([laws] * (1 + movers) + moving).repeated(count)
+        motion = move(self.linkage, rows, np.concatenate(begins), self.record.duration_s, tolerance=TOLERANCE)
+        shown = self._shown(motion, rows).reshape(len(begins), count, -1)
+        along = list(shown[1 + movers :])
+        # What only the camera and its clock do needs no motion of its own.
+        first = [i for i, only in enumerate(seen_only) if only]
+        if first:
+            rows = stacked([changed(laws, directions[i]) for i in first]).repeated(count)
+            state = np.tile(motion.state[:count], (len(first), 1, 1))
+            again = Motion(Plant(self.linkage, rows), motion.time_s, state)
+            for i, one in zip(first, self._shown(again, rows).reshape(len(first), count, -1), strict=True):
+                along.insert(i, one)
+        base = shown[0]
+        along_start = (shown[1 : 1 + movers] - base) / START_STEP
+        along = np.array(along).reshape(len(directions), *base.shape) - base
+        return base, np.moveaxis(along_start, 0, -1), np.moveaxis(along, 0, -1)
+
+    def _shown(self, motion: Motion, laws: Laws) -> np.ndarray:
+        return whitened(seen(motion, laws, self.linkage.size, *self.record.rows(laws.rows)), self.noise)
 
 
 def projected(signal: np.ndarray, along_start: np.ndarray) -> np.ndarray:
@@ -156,7 +165,7 @@ def distance(witness: Witness, clean: np.ndarray, rivals: Sequence[Rival]) -> Di
     """How far a clean record (experiments, times, markers) is from the drawing's, and from each rival's best."""
     drawn = as_drawn(witness.linkage)
     ways = [way for rival in rivals for way in rival.directions]
-    base, along_start, along = witness.slopes([drawn], [witness.starts], [ways])[0]
+    base, along_start, along = witness.slopes(drawn, witness.starts, ways)
     true = whitened(clean, witness.noise)
     difference = projected(true - base, along_start)
     d2 = float(difference @ difference)
@@ -183,7 +192,7 @@ def _fitted(witness: Witness, true: np.ndarray, rival: Rival, a: np.ndarray) -> 
         for share, way in zip(a, rival.directions, strict=True):
             laws = changed(laws, [_times(c, share) for c in way])
         try:
-            base, along_start, along = witness.slopes([laws], [starts], [rival.directions])[0]
+            base, along_start, along = witness.slopes(laws, starts, rival.directions)
         except Stuck:
             return best
         r, S = projected(true - base, along_start), projected(along, along_start)

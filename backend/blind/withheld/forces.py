@@ -13,12 +13,11 @@ from backend.blind.withheld.linkage import Linkage
 
 BRISTLE_RAD = 4e-4  # how far a stuck pin turns before it slides
 BRISTLE_M = 3e-5  # and a stuck slide
-CREEP_RAD_PER_S = 0.03  # where a smooth sign of the rate stands for the bristles
-CREEP_M_PER_S = 3e-3
+CREEP_RAD_PER_S = 0.1  # where a smooth sign of the rate stands for the bristles
+CREEP_M_PER_S = 1e-2
 BRISTLE_DAMPING_S = 4e-3  # σ1 over σ0: presliding swings die within a few
 SLOSH_LOSS = 0.05  # of critical
 KICK_S = 0.012  # half width of a kick
-STOP_DEPTH_RAD = 3e-3  # how far a blow at the rig's own speed enters a stop
 
 
 def joint_effort(laws: Laws, time_s: float, angle: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -72,7 +73,11 @@ class Laws:
 
     def has(self, *names: str) -> bool:
         """Whether any row differs from nothing in any of these numbers."""
-        return any(np.any(self.numbers[n] != UNBOUNDED.get(n, 0.0)) for n in names)
+        return not self._amiss.isdisjoint(names)
+
+    @cached_property
+    def _amiss(self) -> frozenset[str]:
+        return frozenset(n for n, v in self.numbers.items() if np.any(v != UNBOUNDED.get(n, 0.0)))
 
     def repeated(self, rows: int) -> Laws:
         """Every row `rows` times over, one after another."""

@@ -175,7 +175,7 @@ def _one_by_one(plant: Plant, laws: Laws, state: np.ndarray, time_s: np.ndarray,
         single = Plant(plant.linkage, alone, crisp) if laws.rows > 1 else plant
         if single.width != plant.width:
             raise Stuck("rows with other loose pins or bristles than their neighbours; move them in batches of their own")
-        paths.append(_run(single, state[row : row + 1], time_s, "LSODA", max(tolerance, 1e-7))[0])
+        paths.append(_run(single, state[row : row + 1], time_s, "LSODA", max(tolerance, 1e-6))[0])
     return np.array(paths)
 
 

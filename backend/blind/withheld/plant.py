@@ -6,15 +6,33 @@ centres of mass (Kane and Levinson 1985, ch. 6).  The force a tree pin carries f
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from backend.blind.withheld import contact, forces
 from backend.blind.withheld.laws import Laws
-from backend.blind.withheld.linkage import GRAVITY, Linkage
-from backend.blind.withheld.plane import Tree, Turned, gap, points, turned
+from backend.blind.withheld.linkage import GRAVITY, Linkage, Pin
+from backend.blind.withheld.plane import Points, Tree, Turned, gap, points, turned
 
 BACK_PER_S = 60.0  # α: loops drift by rounding only, and the release never shows it
 GAUSS = np.polynomial.legendre.leggauss(5)  # exact for |v| v while a link does not turn about a point of its own
+
+
+@dataclass(frozen=True)
+class _Acting:
+    """All that acts at an instant but dry friction: mass matrix, generalised force, and what pins' loads follow from."""
+
+    M: np.ndarray
+    smooth: np.ndarray
+    angle: np.ndarray
+    rate: np.ndarray
+    yielding: np.ndarray
+    sloshing: np.ndarray
+    J: np.ndarray
+    rest: np.ndarray
+    fall: np.ndarray
+    outside: np.ndarray
 
 
 class Plant:
@@ -58,12 +76,12 @@ class Plant:
         # The rig turns z towards x about world y, so in its own axes gravity turns back.
         self.gravity = GRAVITY * (np.sin(laws.tilt) - 1j * np.cos(laws.tilt))
 
-    def _points(self, bodies: list[int], inside: list[complex]):
+    def _points(self, bodies: list[int], inside: list[complex]) -> Points:
         at = [self.tree.stretched(b, p, self.laws) for b, p in zip(bodies, inside, strict=True)]
         table = np.stack(at, 1) if at else np.zeros((self.laws.rows, 0), complex)
         return points(self.tree, bodies, table, self.laws)
 
-    def _pins(self, pins, side: str):
+    def _pins(self, pins: list[Pin], side: str) -> Points:
         bodies = [getattr(pin, side) for pin in pins]
         return self._points(bodies, [self.linkage.inside(b, pin.at) for b, pin in zip(bodies, pins, strict=True)])
 
@@ -81,65 +99,81 @@ class Plant:
         """d state / dt (rows, width)."""
         q, v, bristle, yielded, slosh = self.split(state)
         now = turned(self.tree, q, v)
-        return self._solve(time_s, now, bristle, yielded, slosh)[0]
+        return self._solve(time_s, now, bristle, yielded, slosh)
 
     def joint_angles(self, q: np.ndarray) -> np.ndarray:
         """Each pin's own coordinate (rows, joints) [rad or m]."""
         return q @ self.tree.turned.T
 
-    def _solve(self, time_s, now: Turned, bristle, yielded, slosh):
+    def _solve(self, time_s: float, now: Turned, bristle: np.ndarray, yielded: np.ndarray, slosh: np.ndarray):
         laws, tree = self.laws, self.tree
         rows, n = now.q.shape
-        p, J, rest = now.motion(self.centres)
-        angle, rate = now.q @ tree.turned.T, now.v @ tree.turned.T
-        fall = self.gravity[:, None] - forces.base_acceleration(laws, time_s)[:, None]
-        push = self.mass * (fall - rest) - laws.slow * (J @ now.v[:, :, None])[..., 0]
-        push = push + forces.gust(laws, time_s)[:, None] * self.lengths
-        M = np.real(np.conj(J.transpose(0, 2, 1)) @ (self.mass[:, :, None] * J)) + self.rotary
-        effort = forces.joint_effort(laws, time_s, angle, rate)
-        outside = push - self.mass * (fall - rest)  # beside weight
-        Q = np.real(np.conj(J) * push[:, :, None]).sum(1)
-        sloshing = np.zeros_like(slosh)
-        if self.sloshes:
-            pull, sloshing = forces.slosh(laws, self.mass, p, (J @ now.v[:, :, None])[..., 0], fall, slosh)
-            Q += np.real(np.conj(J) * pull[:, :, None]).sum(1)
-            outside = outside + pull
-        if self.air.bodies and laws.has("drag"):
-            Q += self._drag(now)
-        if self.linkage.springs:
-            gap_, Jg, _ = now.motion(self.struts)
-            tension = forces.strut(self.linkage, laws, gap_)
-            Q += np.real(np.conj(Jg) * tension[:, :, None]).sum(1)
-            outside = outside + tension @ self.tied
-        yielding = np.zeros_like(yielded)
-        if self.yields:
-            torque, yielding = forces.hysteresis(laws, rate, yielded)
-            effort = effort + torque
-        if self.tree.loose:
-            off, Jh, _ = now.motion(self.holes)
-            hole = contact.in_hole(off, (Jh @ now.v[:, :, None])[..., 0], laws.play[:, list(tree.loose)], self.mass.sum(1))
-            Q += np.real(np.conj(Jh) * hole[:, :, None]).sum(1)
-        smooth = Q + effort @ tree.turned
-        K, right = self._closed(M, now)
+        on = self._acting(time_s, now, yielded, slosh)
+        K, right = self._closed(on.M, now)
         full = np.zeros((rows, K.shape[-1]))
-        bristling = np.zeros_like(bristle)
-        load = np.zeros_like(rate)
+        bristling, load, a = np.zeros_like(bristle), np.zeros_like(on.rate), on.smooth
         passes = 1 + 2 * laws.has("rub")  # the load depends on the friction it makes, weakly: pins are thin
-        a = smooth
         for k in range(passes):
-            total = smooth
+            total = on.smooth
             if self.rubs:
-                rub, bending = forces.friction(laws, angle, rate, load, bristle if self.bristles else None, self.turning)
-                total = smooth + rub @ tree.turned
+                bent = bristle if self.bristles else None
+                rub, bending = forces.friction(laws, on.angle, on.rate, load, bent, self.turning)
+                total = on.smooth + rub @ tree.turned
                 bristling = bending if self.bristles else bristling
             full[:, :n], full[:, n:] = total, right
             solved = np.linalg.solve(K, full[..., None])[..., 0]
             a = solved[:, :n]
             if k + 1 < passes:
-                load = np.abs(self._carried(J, rest, a, fall, outside, solved[:, n:]))
-        return np.concatenate([now.v, a, bristling, yielding, sloshing], 1), load
+                load = np.abs(self._carried(on, a, solved[:, n:]))
+        return np.concatenate([now.v, a, bristling, on.yielding, on.sloshing], 1)
 
-    def _closed(self, M, now: Turned):
+    def missing(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """The generalised force that a motion would need beside what acts by these laws (rows, n); smooth friction."""
+        now, nothing = turned(self.tree, q, v), np.zeros((len(q), 0))
+        on = self._acting(0.0, now, nothing, nothing)
+        rub = np.zeros_like(on.rate)
+        if self.rubs:
+            rub = forces.friction(self.laws, on.angle, on.rate, np.ones_like(on.rate), None, self.turning)[0]
+        return (on.M @ a[:, :, None])[..., 0] - on.smooth - rub @ self.tree.turned
+
+    def _acting(self, time_s: float, now: Turned, yielded: np.ndarray, slosh: np.ndarray) -> _Acting:
+        laws, tree = self.laws, self.tree
+        p, J, rest = now.motion(self.centres)
+        angle, rate = now.q @ tree.turned.T, now.v @ tree.turned.T
+        fall = self.gravity[:, None]
+        if laws.has("sway"):
+            fall = fall - forces.base_acceleration(laws, time_s)[:, None]
+        outside = np.zeros_like(p)  # what acts at the centres beside weight
+        speed = (J @ now.v[:, :, None])[..., 0]
+        sloshing, yielding = np.zeros_like(slosh), np.zeros_like(yielded)
+        if laws.has("slow"):
+            outside = outside - laws.slow * speed
+        if laws.has("gust"):
+            outside = outside + forces.gust(laws, time_s)[:, None] * self.lengths
+        if self.sloshes:
+            pull, sloshing = forces.slosh(laws, self.mass, p, speed, fall, slosh)
+            outside = outside + pull
+        M = np.real(np.conj(J.transpose(0, 2, 1)) @ (self.mass[:, :, None] * J)) + self.rotary
+        Q = _along(J, self.mass * (fall - rest) + outside)
+        if laws.has("drag"):
+            Q += self._drag(now)
+        if self.linkage.springs:
+            gap_, Jg, _ = now.motion(self.struts)
+            tension = forces.strut(self.linkage, laws, gap_)
+            Q += _along(Jg, tension)
+            outside = outside + tension @ self.tied
+        effort = forces.joint_effort(laws, time_s, angle, rate)
+        if self.yields:
+            torque, yielding = forces.hysteresis(laws, rate, yielded)
+            effort = effort + torque
+        if tree.loose:
+            off, Jh, _ = now.motion(self.holes)
+            leaving = (Jh @ now.v[:, :, None])[..., 0]
+            Q += _along(Jh, contact.in_hole(off, leaving, laws.play[:, list(tree.loose)], self.mass.sum(1)))
+        smooth = Q + effort @ tree.turned
+        return _Acting(M, smooth, angle, rate, yielding, sloshing, J, rest, fall, outside)
+
+    def _closed(self, M: np.ndarray, now: Turned) -> tuple[np.ndarray, np.ndarray]:
         """The bordered matrix, and what the loops' rows ask for."""
         rows, n = now.q.shape
         m = 2 * len(self.loops.bodies)
@@ -153,10 +187,10 @@ class Plant:
         want = -rest - 2 * BACK_PER_S * speed - BACK_PER_S**2 * phi
         return K, np.concatenate([want.real, want.imag], 1)
 
-    def _carried(self, J, rest, a, fall, outside, multipliers):
+    def _carried(self, on: _Acting, a: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """The force each pin puts on its body b (rows, joints), complex [N]; the air's share is left out."""
         tree = self.tree
-        needed = self.mass * ((J @ a[:, :, None])[..., 0] + rest - fall) - outside
+        needed = self.mass * ((on.J @ a[:, :, None])[..., 0] + on.rest - on.fall) - on.outside
         carried = needed @ tree.below[:, 1:].T
         count = len(tree.closing)
         # K x = (Q; ...) has + Aᵀ x: the multipliers stand for minus the force on body a.
@@ -175,4 +209,9 @@ class Plant:
         across = np.imag(v * np.conj(along))
         weight = np.repeat(self.laws.drag * self.lengths, len(GAUSS[0]), 1) * np.tile(0.5 * GAUSS[1], len(self.lengths))
         force = -weight * np.abs(across) * across * 1j * along
-        return np.real(np.conj(J) * force[:, :, None]).sum(1)
+        return _along(J, force)
+
+
+def _along(J: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Generalised force (rows, n) of forces at points (rows, points) with Jacobians J."""
+    return np.real(np.conj(J) * force[:, :, None]).sum(1)
