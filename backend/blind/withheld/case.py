@@ -1,0 +1,214 @@
+"""One withheld case: a mechanism at random, what is amiss with it, six experiments, and the sealed truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from backend.blind.withheld import library, outside, peers
+from backend.blind.withheld.causes import KINDS, Cause, Rig, drawn_cause
+from backend.blind.withheld.detectability import Record, Witness, distance, projected, rivals_of, whitened
+from backend.blind.withheld.laws import Laws, as_drawn, changed
+from backend.blind.withheld.linkage import Linkage
+from backend.blind.withheld.measurement import Noise, noisy, seen
+from backend.blind.withheld.mechanisms import DEVELOPED, UNSEEN
+from backend.blind.withheld.motion import Motion, Stuck, move
+
+STRATA = ("none",) * 4 + ("single",) * 7 + ("pair",) * 3 + ("left_out",) * 3 + ("never",) * 3
+OUTSIDE = outside.__name__  # both catalogues enter their kinds when they are read
+KNOWN = tuple(name for name, k in KINDS.items() if k.known)
+UNKNOWN = tuple(name for name, k in KINDS.items() if not k.known)
+STATIC_FRAMES = 20
+FIT, HELD_OUT = 4, 2
+SHARE_OF_PEERS = 0.25
+LIVELY = 25.0  # rad/s: faster releases than a camera of 60 frames/s would be used for
+TOUCHY = 12.0  # how much further apart than at the start two near releases may end
+TRIES = 60
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is written for the diagnosis (linkage, tables, sigma_m where told) and what is kept (label)."""
+
+    linkage: Linkage
+    record: Record
+    release_s: float
+    places: np.ndarray
+    noise: Noise
+    fit: int
+    label: dict[str, Any]
+
+
+def stratum_of(seed: int, index: int) -> str:
+    """Strata in shuffled blocks of twenty, so that every run of 20 cases holds all of them."""
+    block = np.random.default_rng([seed, 1_000_003, index // len(STRATA)]).permutation(STRATA)
+    return str(block[index % len(STRATA)])
+
+
+def draw_case(seed: int, index: int, *, unseen: bool = False) -> Case:
+    """Case `index` of a seed, the same every time.  unseen: whether mechanisms kept for tests may be drawn."""
+    stratum = stratum_of(seed, index)
+    for attempt in range(TRIES):
+        rng = np.random.default_rng([seed, index, attempt])
+        try:
+            if case := _attempt(rng, stratum, unseen, index):
+                return case
+        except Stuck:
+            continue
+    raise RuntimeError(f"no case {index} of seed {seed} after {TRIES} tries; its mechanisms do not move: {stratum}")
+
+
+def _attempt(rng: np.random.Generator, stratum: str, unseen: bool, index: int) -> Case | None:
+    families = UNSEEN if unseen and rng.random() < 0.25 else DEVELOPED
+    linkage = families[str(rng.choice(list(families)))](rng)
+    if not all(np.isfinite(pin.at) for pin in linkage.pins):
+        return None
+    alone = index % 12 == 7  # a study with a single experiment
+    fit, held_out = (1, 0) if alone else (FIT, HELD_OUT)
+    record, release_s = _record(rng)
+    starts = _starts(rng, linkage, fit + held_out)
+    rig = _rig(linkage, starts, record)
+    if rig is None:
+        return None
+    causes = _causes(rng, rig, stratum)
+    if causes is None:
+        return None
+    noise = _noise(rng, linkage)
+    engine = "own"
+    if peers.knows(causes) and rng.random() < SHARE_OF_PEERS:
+        # Exudyn takes 10 s for what MuJoCo does in one where there are many bodies.
+        engine = str(rng.choice(peers.ENGINES)) if len(linkage.links) < 4 else peers.ENGINES[0]
+    laws = as_drawn(linkage)
+    for cause in causes:
+        laws = changed(laws, cause.changes)
+    clean = reality(linkage, causes, laws, starts, record, engine)
+    if not np.isfinite(clean).all() or np.abs(clean).max() > 10 * linkage.size:
+        return None
+    label = _label(rig, causes, stratum, starts[:fit], record, noise, clean[:fit])
+    # A draw that nobody could see says nothing; a few are kept, for the smallest sizes belong to the range.
+    if causes and label["d2"] < 9 and rng.random() < 0.7:
+        return None
+    tables = np.stack([noisy(one, noise, rng) for one in clean])
+    label |= {"engine": engine, "family": linkage.family, "sigma_m": noise.sigma_m, "sigma_told": noise.told,
+              "rho": noise.rho, "experiments": len(starts)}  # fmt: skip
+    return Case(linkage, record, release_s, tables, noise, fit, label)
+
+
+def _record(rng: np.random.Generator) -> tuple[Record, float]:
+    rate, moving_s = float(rng.choice([60.0, 90.0, 120.0])), float(rng.uniform(1.0, 1.8))
+    elapsed = np.arange(STATIC_FRAMES + round(moving_s * rate)) / rate
+    release_s = float((STATIC_FRAMES - rng.uniform(0.1, 0.9)) / rate)
+    return Record(elapsed - release_s, elapsed), release_s
+
+
+def _starts(rng: np.random.Generator, linkage: Linkage, count: int) -> np.ndarray:
+    """Poses (experiments, movers) spread over the reach, both ends of it among the first two."""
+    low, high = np.array(linkage.reach).T
+    share = rng.uniform(0.05, 0.95, (count, len(low)))
+    share[0] = rng.uniform(0.05, 0.3, len(low))
+    share[1:2] = rng.uniform(0.7, 0.95, len(low))
+    return low + share * (high - low)
+
+
+def _noise(rng: np.random.Generator, linkage: Linkage) -> Noise:
+    """0.5, 1 or 2 mm on a rig of half a metre, less on a smaller one that the camera stands nearer to."""
+    level = float(rng.choice([0.5e-3, 1e-3, 2e-3])) * linkage.size / 0.5
+    return Noise(level, float(rng.choice([0.0, 0.2, 0.4])), 0.02, 0.01, bool(rng.random() < 0.5))
+
+
+def _rig(linkage: Linkage, starts: np.ndarray, record: Record) -> Rig | None:
+    """The scales of the ideal motion; None where it is too lively, too touchy, or goes nowhere."""
+    count = len(starts)
+    near = np.concatenate([starts, starts + 1e-4])
+    motion = move(linkage, as_drawn(linkage, 2 * count), near, record.duration_s, tolerance=1e-6)
+    n = motion.plant.n
+    q, v = motion.state[..., :n], motion.state[..., n : 2 * n]
+    if not np.isfinite(q).all() or np.abs(v).max() > LIVELY:
+        return None
+    times = np.broadcast_to(motion.time_s, (2 * count, len(motion.time_s)))
+    p = motion.markers(times)
+    apart = np.abs(p[count:] - p[:count]).max((1, 2)) / np.maximum(np.abs(p[count:, 0] - p[:count, 0]).max(1), 1e-12)
+    if apart.max() > TOUCHY or np.abs(p[:count] - p[:count, :1]).max((1, 2)).max() < 0.08 * linkage.size:
+        return None
+    turned = q[:count] @ motion.plant.tree.turned.T
+    return Rig(
+        linkage,
+        np.stack([turned.min((0, 1)), turned.max((0, 1))], 1),
+        np.stack([turned[:, 0].min(0), turned[:, 0].max(0)], 1),
+    )
+
+
+def _causes(rng: np.random.Generator, rig: Rig, stratum: str) -> list[Cause] | None:
+    if stratum == "none":
+        return []
+    names = UNKNOWN if stratum == "never" else KNOWN
+    count = 2 if stratum == "pair" else 1
+    drawn = [drawn_cause(rig, str(name), rng) for name in rng.choice(names, count, replace=False)]
+    if any(cause is None for cause in drawn):
+        return None
+    causes = [cause for cause in drawn if cause]
+    loose = any(cause.kind == "clearance" for cause in causes)
+    if loose and any(cause.kind in ("pin_friction", "late_release") for cause in causes):
+        return None
+    return causes
+
+
+def reality(
+    linkage: Linkage, causes: Sequence[Cause], laws: Laws, starts: np.ndarray, record: Record, engine: str = "own"
+) -> np.ndarray:
+    """Clean records (experiments, times, markers) of one row of laws; crisp friction and stops."""
+    count = len(starts)
+    rows = laws.repeated(count)
+    if engine == "own":
+        path: Motion | peers.PeerPath = move(linkage, rows, starts, record.duration_s, crisp=True)
+    else:
+        path = peers.peer_path(engine, linkage, causes, starts, record.duration_s)
+    return seen(path, rows, linkage.size, *record.rows(count))
+
+
+def _label(
+    rig: Rig, causes: list[Cause], stratum: str, starts: np.ndarray, record: Record, noise: Noise, clean: np.ndarray
+) -> dict[str, Any]:
+    without = sorted({k for c in causes for k in (c.kind, *library.EQUIVALENT.get(c.kind, ()))})
+    without = without if stratum == "left_out" else []
+    witness = Witness(rig.linkage, starts, record, noise)
+    rivals = rivals_of(rig, causes, without) if stratum in ("single", "left_out", "never") else []
+    far = distance(witness, clean, rivals)
+    d2, alike = far.d2, far.alike
+    effects = [_effect(cause) for cause in causes]
+    if stratum == "pair":
+        d2 = min(_share(witness, rig, causes, k, clean) for k in range(2))
+        alike = []
+    if stratum == "never":
+        d2 = min([d2, *far.remainders])  # as far as the nearest known cause: near ones are rightly named
+    classes = [[e] for e in effects] if stratum == "pair" else []
+    if stratum in ("single", "left_out", "never"):
+        named = [] if stratum != "single" else [effects[0]]
+        same = [{"kind": r.kind, "on": list(r.on), "places": list(r.places)} for r in alike]
+        classes = [named + [s for s in same if not named or (s["kind"], s["on"]) != (named[0]["kind"], named[0]["on"])]]
+    return {"stratum": stratum, "effects": effects, "classes": classes, "without": without, "d2": d2,
+            "bin": "none" if not causes else "<9" if d2 < 9 else "9-100" if d2 < 100 else ">100"}  # fmt: skip
+
+
+def _effect(cause: Cause) -> dict[str, Any]:
+    return {
+        "kind": cause.kind,
+        "on": list(cause.on),
+        "places": list(cause.places),
+        "parameters": {name: float(value) for name, value in cause.parameters.items()},
+    }
+
+
+def _share(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.ndarray) -> float:
+    """d² of one of a pair beside the other."""
+    rest = [cause for i, cause in enumerate(causes) if i != k]
+    laws = as_drawn(rig.linkage)
+    for cause in rest:
+        laws = changed(laws, cause.changes)
+    one = reality(rig.linkage, rest, laws, witness.starts, witness.record)
+    _, along_start, _ = witness.slopes(as_drawn(rig.linkage), witness.starts, [])
+    difference = projected(whitened(clean, witness.noise) - whitened(one, witness.noise), along_start)
+    return float(difference @ difference)

@@ -1,0 +1,196 @@
+"""The withheld-effect check from end to end: draw, seal, diagnose, reveal, score."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from backend.blind.withheld.case import draw_case
+from backend.blind.withheld.naive import most_frequent, regression
+from backend.blind.withheld.score import Facts, Scores, scores
+from backend.blind.withheld.seal import SEAL, generator_version, is_sealed, revealed, seal
+from backend.blind.withheld.verdict import judged
+from backend.blind.withheld.write import write_case
+
+DEVELOPMENT = range(0, 10_000)
+TEST = range(1_000_000, 2_000_000)
+DRAWING = 0.08  # of the whole: what making the cases takes beside diagnosing them
+ANSWERS, NAIVE, SCORES = "answers.jsonl", "naive.jsonl", "scores.json"
+
+Diagnose = Callable[[Path, frozenset[str]], dict[str, Any]]
+Progress = Callable[[float, str], None]
+
+
+class Cancelled(Exception):
+    """The caller wanted no more; what is done is kept, and the next run goes on from there."""
+
+
+def run_blind(
+    seed: int,
+    n: int,
+    out: Path,
+    diagnose: Diagnose,
+    *,
+    test: bool = False,
+    progress: Progress | None = None,
+    cancelled: Callable[[], bool] | None = None,
+    resume: bool = True,
+    workers: int = 1,
+) -> Scores:
+    """Draw n studies, seal what is amiss with them, diagnose each, and score the answers.
+
+    diagnose: (study.json, kinds removed from the library) -> gap.json's content.  test: seeds of TEST, which hold
+    mechanisms that development never sees; without it seeds of DEVELOPMENT.  progress(share, words);
+    cancelled() is asked before each case.  workers: processes that draw and diagnose (diagnose must then pickle).
+    Under `out`: studies/, seal.json before the first answer, labels.json, answers.jsonl as answers come, scores.json.
+    Raises ValueError for a seed out of its range or a folder of another check, Cancelled.
+    """
+    check_seed(seed, test)
+    if n < 1:
+        raise ValueError(f"n is {n}; ask for at least 1 case")
+    tell = progress or (lambda share, words: None)
+    halt = cancelled or (lambda: False)
+    out.mkdir(parents=True, exist_ok=True)
+    if not resume:
+        for name in (SEAL, ANSWERS, NAIVE, SCORES):
+            (out / name).unlink(missing_ok=True)
+    if not is_sealed(out, seed, n):
+        (out / ANSWERS).unlink(missing_ok=True)
+        _draw(seed, n, out, test, tell, halt, workers)
+    sha = json.loads((out / SEAL).read_text())["sha256"]
+    tell(DRAWING, f"sealed {n} cases: {sha}")
+    labels = json.loads((out / "labels.json").read_text())["labels"]
+    _answer(labels, out, diagnose, tell, halt, workers)
+    result = scored(out)
+    tell(1.0, f"scored {n} cases")
+    return result
+
+
+def check_seed(seed: int, test: bool) -> None:
+    """ValueError where a development run asks for a test seed, or a test run for a development seed."""
+    allowed = TEST if test else DEVELOPMENT
+    if seed not in allowed:
+        kept = "test seeds need test=True (--test)" if seed in TEST else "use one of the range"
+        raise ValueError(
+            f"seed {seed} is outside {allowed.start} to {allowed.stop - 1}, the seeds of "
+            f"{'tests' if test else 'development'}; {kept}"
+        )
+
+
+def scored(out: Path) -> Scores:
+    """Scores of the answers in a folder, once its labels are found to be those that were sealed; writes scores.json.
+
+    Raises ValueError where a label was changed.
+    """
+    labels = revealed(out)
+    sealed = json.loads((out / SEAL).read_text())
+    answers = {entry["case"]: entry["gap"] for entry in _lines(out / ANSWERS)}
+    naive = {entry["case"]: entry["gap"] for entry in _lines(out / NAIVE)}
+    common = most_frequent(labels)
+    facts: Facts = [judged(labels[i], gap) for i, gap in sorted(answers.items())]
+    result = Scores(
+        seed=sealed["seed"],
+        cases=len(facts),
+        sha256=sealed["sha256"],
+        version=sealed["version"],
+        scores=scores(facts),
+        baselines={
+            "most frequent": scores([judged(labels[i], common) for i in sorted(answers)]),
+            "derivatives": scores([judged(labels[i], naive[i]) for i in sorted(answers) if i in naive]),
+        },
+    )
+    (out / SCORES).write_text(result.model_dump_json(indent=1))
+    (out / "cases.jsonl").write_text("".join(json.dumps({"case": i, **f}) + "\n" for i, f in zip(sorted(answers), facts, strict=True)))
+    return result
+
+
+def _draw(seed: int, n: int, out: Path, test: bool, tell: Progress, halt: Callable[[], bool], workers: int) -> None:
+    """Write all studies and the regression's answers, then seal the labels."""
+    labels: list[dict[str, Any]] = [{}] * n
+    jobs = [(seed, i, str(_folder(out, i)), test) for i in range(n)]
+    with (out / NAIVE).open("w") as naive:
+        for done, (i, label, gap) in enumerate(_all(_drawn, jobs, workers), 1):
+            labels[i] = label
+            naive.write(json.dumps({"case": i, "gap": gap}) + "\n")
+            tell(DRAWING * done / n, f"drew case {done} of {n}")
+            if halt():
+                raise Cancelled(f"stopped after drawing {done} of {n} cases; nothing is sealed yet")
+    seal(labels, out, seed)
+
+
+def _drawn(job: tuple[int, int, str, bool]) -> tuple[int, dict[str, Any], dict[str, Any]]:
+    seed, i, folder, unseen = job
+    case = draw_case(seed, i, unseen=unseen)
+    write_case(case, Path(folder))
+    return i, case.label, regression(case)
+
+
+def _answer(
+    labels: list[dict[str, Any]],
+    out: Path,
+    diagnose: Diagnose,
+    tell: Progress,
+    halt: Callable[[], bool],
+    workers: int,
+) -> None:
+    """Diagnose what is not yet answered; each answer is on disk before the next begins."""
+    done = {entry["case"] for entry in _lines(out / ANSWERS)}
+    jobs = [
+        (diagnose, i, str(_folder(out, i) / "study.json"), frozenset(label["without"]))
+        for i, label in enumerate(labels)
+        if i not in done
+    ]
+    started, count = time.perf_counter(), 0
+    with (out / ANSWERS).open("a") as file:
+        if halt():
+            raise Cancelled(f"stopped with {len(done)} of {len(labels)} answers; run again to go on")
+        for i, gap, took in _all(_diagnosed, jobs, workers):
+            file.write(json.dumps({"case": i, "gap": gap, "seconds": round(took, 2)}) + "\n")
+            file.flush()
+            count += 1
+            left = (time.perf_counter() - started) / count * (len(jobs) - count)
+            share = (len(done) + count) / len(labels)
+            tell(DRAWING + (1 - DRAWING) * share, f"diagnosed {len(done) + count} of {len(labels)}, {left:.0f} s left")
+            if halt() and count < len(jobs):
+                raise Cancelled(f"stopped with {len(done) + count} of {len(labels)} answers; run again to go on")
+
+
+def _diagnosed(job: tuple[Diagnose, int, str, frozenset[str]]) -> tuple[int, dict[str, Any], float]:
+    diagnose, i, study, without = job
+    started = time.perf_counter()
+    return i, diagnose(Path(study), without), time.perf_counter() - started
+
+
+def _all(work: Callable[[Any], Any], jobs: list[Any], workers: int) -> Iterator[Any]:
+    """Results as they come, here or in other processes."""
+    if workers <= 1:
+        yield from map(work, jobs)
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        try:
+            yield from pool.map(work, jobs)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _folder(out: Path, i: int) -> Path:
+    return out / "studies" / f"{i:04d}"
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    """Entries of a table of lines; one cut short by a crash is left out."""
+    entries = []
+    for line in path.read_text().splitlines() if path.exists() else ():
+        try:
+            entries.append(json.loads(line))
+        except json.JSONDecodeError:
+            continue
+    return entries
+
+
+__all__ = ["DEVELOPMENT", "TEST", "Cancelled", "generator_version", "run_blind", "scored"]
