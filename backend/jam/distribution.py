@@ -84,8 +84,8 @@ def _parameters(mechanism: Mechanism, place: str, spec: str) -> tuple[FreeParame
     if len(names := sorted({p.parameter for p in parameters})) > 1:
         raise ValueError(f"--vary {spec}: it has {', '.join(names)}. Name one of them, such as {place}.{names[0]}=...")
     for parameter in parameters:
-        if kind_named(parameter.kind).acts_on == "camera":
-            raise ValueError(f"--vary {spec}: the camera moves no part of a mechanism. Leave it out.")
+        if (seen_by := kind_named(parameter.kind).acts_on) in ("camera", "marker"):
+            raise ValueError(f"--vary {spec}: the {seen_by} moves no part of a mechanism. Leave it out.")
     return parameters
 
 

@@ -5,10 +5,13 @@ import dataclasses
 import jax
 from jaxtyping import Array, Float
 
+from backend.effects.gravity import Gravity
 from backend.effects.shapes import AbstractDrawnError, AbstractMarkerError, AbstractSpringError
 from backend.frames import quaternion
 from backend.model.drawing import Drawing
 from backend.model.model import Model
+from backend.model.placed import Placed
+from backend.model.topology import Topology
 
 
 def amended(model: Model) -> Model:
@@ -40,3 +43,11 @@ def redraw(model: Model) -> Drawing:
         for error, (place, *_) in zip(placed.each(), placed.places, strict=True):
             drawing = error.redraw(drawing, place)
     return drawing
+
+
+def weight(drawing: Drawing, topology: Topology) -> list[Placed]:
+    """Gravity on every real body."""
+    real = [i for i, body in enumerate(topology.body_ids) if body is not None]
+    effect = Gravity(gravity_m_per_s2=drawing.gravity[None])
+    places = tuple((i, topology.slots) for i in real)
+    return [Placed(effect, ("gravity",), (0,) * len(real), places)]

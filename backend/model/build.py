@@ -28,7 +28,7 @@ from backend.model.flexible import SECTION, split, whole
 from backend.model.lengthwise import Points, held_points, joint_points, length_axis
 from backend.model.model import Model, world_axis
 from backend.model.placed import Placed
-from backend.model.scale import STANDARD_GRAVITY, Scale
+from backend.model.scale import scale_of
 from backend.model.topology import Topology, lay_out
 
 PARALLEL = 1e-3  # sine below which joints turn about one direction
@@ -78,7 +78,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
         marker_ids=tuple(m.id for m in mechanism.markers),
         marker_bodies=tuple(topology.slot(m.body) for m in mechanism.markers),
         camera=camera(mechanism, world_axis(jnp.asarray(np.array(axes_W)))),
-        scale=_scale(uncut, [b.id for b in uncut.bodies if not b.fixed]),
+        scale=scale_of(uncut, [b.id for b in uncut.bodies if not b.fixed]),
     )
 
 
@@ -291,15 +291,3 @@ def _rotation(quaternion_wxyz: Sequence[float] | np.ndarray) -> Float[np.ndarray
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-def _scale(mechanism: Mechanism, moving: list[str]) -> Scale:
-    inertials = [mechanism.body(id_).inertial for id_ in moving]
-    masses = [i.mass_kg for i in inertials if i]
-    lengths = []
-    for points in held_points(mechanism).values():
-        lengths += [float(np.linalg.norm(p - points[0][0])) for p, _ in points[1:]]
-    gyration = [np.sqrt(np.trace(i.inertia_kg_m2.matrix()) / i.mass_kg) for i in inertials if i]
-    long = [length for length in lengths if length > 1e-6] or gyration
-    gravity = float(np.linalg.norm(mechanism.gravity_m_per_s2)) or STANDARD_GRAVITY
-    return Scale(jnp.asarray(np.mean(masses)), jnp.asarray(np.mean(long)), jnp.asarray(gravity))

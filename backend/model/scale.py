@@ -3,7 +3,12 @@
 import re
 
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+
+from backend.mechanism.mechanism import Mechanism
+from backend.model.lengthwise import held_points
 
 STANDARD_GRAVITY = 9.80665  # m/s², for mechanisms drawn without weight
 DIMENSIONS = {  # exponents of kg, m, s
@@ -42,3 +47,16 @@ class Scale(eqx.Module):
                 base = float(self.mass_kg) ** kg * float(self.length_m) ** m * self.time_s**s
                 size *= base ** (sign * int(power or 1))
         return size
+
+
+def scale_of(mechanism: Mechanism, moving: list[str]) -> Scale:
+    """Means over the moving bodies: of their masses, and of the distances between the points that hold them."""
+    inertials = [mechanism.body(id_).inertial for id_ in moving]
+    masses = [i.mass_kg for i in inertials if i]
+    lengths = []
+    for points in held_points(mechanism).values():
+        lengths += [float(np.linalg.norm(p - points[0][0])) for p, _ in points[1:]]
+    gyration = [np.sqrt(np.trace(i.inertia_kg_m2.matrix()) / i.mass_kg) for i in inertials if i]
+    long = [length for length in lengths if length > 1e-6] or gyration
+    gravity = float(np.linalg.norm(mechanism.gravity_m_per_s2)) or STANDARD_GRAVITY
+    return Scale(jnp.asarray(np.mean(masses)), jnp.asarray(np.mean(long)), jnp.asarray(gravity))

@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from backend.effects.gravity import Gravity
 from backend.effects.shapes import (
     AbstractBaseMotion,
     AbstractBodyForce,
@@ -33,7 +32,7 @@ from backend.effects.shapes import (
 from backend.frames import quaternion
 from backend.joints.catalogue import joint_of_type
 from backend.joints.joint import TURN
-from backend.model.as_made import amended, marker_points, redraw
+from backend.model.as_made import amended, marker_points, redraw, weight
 from backend.model.contacts import JointContacts, joint_contacts
 from backend.model.drawing import Drawing
 from backend.model.model import Model
@@ -206,7 +205,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         strut_a=jnp.zeros((len(topology.struts), 3)),
         strut_b=jnp.zeros((len(topology.struts), 3)),
         strut_damping=_joined([jax.vmap(lambda e: e.damping())(p.here) for p in struts], (0,)),
-        forces=(*_gravity(drawing, topology), *model.of(AbstractBodyForce)),
+        forces=(*weight(drawing, topology), *model.of(AbstractBodyForce)),
         drags=tuple(model.of(AbstractDrag)),
         efforts=tuple(model.of(AbstractJointEffort)),
         rate_frictions=tuple(model.of(AbstractRateFriction)),
@@ -294,10 +293,3 @@ def _total(joints: int, placed: list[Placed], value) -> Array:
 
 def _joined(parts: list[Array], empty: tuple[int, ...]) -> Array:
     return jnp.concatenate(parts) if parts else jnp.zeros(empty)
-
-
-def _gravity(drawing: Drawing, topology: Topology) -> list[Placed]:
-    real = [i for i, body in enumerate(topology.body_ids) if body is not None]
-    effect = Gravity(gravity_m_per_s2=drawing.gravity[None])
-    places = tuple((i, topology.slots) for i in real)
-    return [Placed(effect, ("gravity",), (0,) * len(real), places)]

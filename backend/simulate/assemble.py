@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -194,6 +195,15 @@ def start(
         each = [_along(ideal, pose, jnp.asarray(motions)[:, :, k]).xi for k in range(motions.shape[-1])]
         velocity = velocity + pushed(system, pose, jnp.stack(each))
     return Start(pose, velocity)
+
+
+def let_go(system: System, pose: Pose) -> Start:
+    """The start from a closed pose: at rest, unless a hand pushes."""
+    if not system.pushes:
+        return Start(pose, jnp.zeros((system.topology.slots, 6)))
+    motions = free_motions(system, pose)
+    none = jnp.zeros(motions.shape[-1])
+    return eqx.filter_jit(start)(system, pose, motions, none, none)
 
 
 def free_motions(system: System, pose: Pose) -> Float[np.ndarray, "slots 6 mobility"]:

@@ -20,8 +20,7 @@ from backend.model.model import Address, Model
 from backend.model.state import Pose, Start, drawn_pose
 from backend.model.system import TOLERANCE, System, system
 from backend.simulate import invariants, kinematics, points
-from backend.simulate.assemble import closed, free_motions, worst_gap
-from backend.simulate.assemble import start as start_at
+from backend.simulate.assemble import closed, let_go, worst_gap
 from backend.simulate.equations import Motion
 from backend.simulate.record import Record, on_steps
 from backend.simulate.reduced import STRETCH, Kept, march_reduced
@@ -44,7 +43,6 @@ _march = eqx.filter_jit(march)
 HALVINGS = 10  # times a step may be cut in two before the motion is lost
 _depart = eqx.filter_jit(depart)
 _closed = eqx.filter_jit(closed)
-_start = eqx.filter_jit(start_at)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,11 +117,7 @@ def simulate(
     plant = system(model, tolerance)
     steps = round(duration_s / step_s)
     _check_drives(model, plant, inputs)
-    start = Start(assembled(model, plant), jnp.zeros((model.topology.slots, 6)))
-    if plant.pushes:
-        motions = free_motions(plant, start.pose)
-        none = jnp.zeros(motions.shape[-1])
-        start = _start(plant, start.pose, motions, none, none)
+    start = let_go(plant, assembled(model, plant))
     record = on_steps(model, inputs, step_s, steps + CHUNK, float(plant.held_s)) if inputs else None
     found = None
     if solve == "reduced" or threshold is not None or plant.rigid_rows.sum() <= MOST_ROWS:
