@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from backend.diagnose.fitted import Fitted
-from backend.diagnose.latent import Latent, omnibus
+from backend.diagnose.latent import Latent, basis, omnibus
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,6 @@ def adequacy(fitted: Fitted, latent: Latent, rng: np.random.Generator) -> Adequa
 
 def _explained(fitted: Fitted, latent: Latent) -> tuple[float, int]:
     """Sum of squares that fit, forces and shifts together take away, and how many directions they span."""
-    A = np.concatenate([fitted.J, *[latent.scaled(p) for p in latent.places]], 1)
-    A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    w, V = np.linalg.eigh(A.T @ A)
-    good = w > 1e-7 * w.max()
-    score = (V[:, good].T @ (A.T @ fitted.r)) / np.sqrt(w[good])
-    return float(score @ score), int(good.sum())
+    A, R = basis(fitted, latent)
+    score = R.T @ (A.T @ fitted.r)
+    return float(score @ score), R.shape[1]

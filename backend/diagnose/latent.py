@@ -141,3 +141,18 @@ def omnibus(fitted: Fitted, L: Float[np.ndarray, "n bumps"], rng: np.random.Gene
         mean, square = spectrum.sum(), float(np.sum(spectrum**2))
         p = min(p, float(chi2.sf(statistic * mean / square, mean**2 / square)))
     return float(p)
+
+
+def basis(fitted: Fitted, latent: Latent) -> tuple[np.ndarray, np.ndarray]:
+    """(A, R): columns of fit, forces and shifts, each of unit length, and R with A R orthonormal."""
+    A = np.concatenate([fitted.J, *[latent.places[p] for p in latent.places]], 1)
+    A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    w, V = np.linalg.eigh(A.T @ A)
+    good = w > 1e-7 * w.max()
+    return A, V[:, good] / np.sqrt(w[good])
+
+
+def left_over(fitted: Fitted, latent: Latent) -> Float[np.ndarray, " n"]:
+    """What neither the fit nor any unknown force or shift explains, row by row."""
+    A, R = basis(fitted, latent)
+    return fitted.r - A @ (R @ (R.T @ (A.T @ fitted.r)))

@@ -126,8 +126,7 @@ def library(
     wide: list[float | None] = []
     for p in found:
         row = table[p.addresses[0]]
-        expected = row.declaration.expected
-        sd = None if expected is None else max(expected * row.natural, OF_DRAWN * abs(p.start))
+        sd = None if row.expected is None else max(row.expected, OF_DRAWN * abs(p.start))
         own = known.get(p.name)
         wide.append(max(sd, KNOWN_ENOUGH * own) if sd is not None and own is not None else sd)
     as_causes = [replace(p, prior_sd=sd) for p, sd in zip(found, wide, strict=True)]
@@ -140,8 +139,10 @@ def library(
 
 def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
     """The kind everywhere; place by place where it cannot act at all of them."""
+    declared = catalogue()[kind].declarations().items()
+    named = [f"{kind}:*.{name}" for name, d in declared if d.by_name and d.expected is not None]
     try:
-        freedom = free_parameters(mechanism, [f"{kind}:*"])
+        freedom = free_parameters(mechanism, [f"{kind}:*", *named])
     except ValueError:
         return []  # it acts nowhere in this mechanism
     try:
@@ -151,7 +152,7 @@ def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
         found = []
         for on in dict.fromkeys(p.on for p in freedom.parameters):
             try:
-                one = free_parameters(mechanism, [f"{kind}:{'+'.join(on)}"])
+                one = free_parameters(mechanism, [s.replace("*", "+".join(on)) for s in (f"{kind}:*", *named)])
                 build(mechanism, one.added)
                 found.append(one)
             except ValueError:

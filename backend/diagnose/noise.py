@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.stats import chi2
 
 from backend.fit.measured import Measured
+from backend.fit.noise import quantum
 
 ENOUGH = 60  # static samples of one kind of channel: its sd is then known to a tenth, its memory to 0.13
 ALIKE = 1.7  # channels whose noise differs by less share one estimate
-WRONG = 6.0  # robust sd of what a cubic through the neighbours misses
+RARE = 3e-5  # probability of a good sample to be missed so far by a cubic through its neighbours
 ROUNDS = 8
 
 
@@ -114,7 +116,7 @@ def _memory(series: Sequence[np.ndarray]) -> float:
     n = float(np.mean([s.size for s in series]))
     a = (a + 1.0 / n) / (1.0 - 4.0 / n)
     sd = 1.0 / np.sqrt(sum(s.size for s in series))
-    return float(np.clip(a, -0.5, 0.97)) if abs(a) > 2.0 * sd else 0.0
+    return float(np.clip(a, 0.0, 0.97)) if abs(a) > 2.0 * sd else 0.0
 
 
 def _sd(series: Sequence[np.ndarray], a: float) -> float:
@@ -130,23 +132,34 @@ def _mean_takes(n: int, a: float) -> float:
 
 
 def good_samples(data: Measured) -> np.ndarray:
-    """Samples (mask) that fit between their neighbours."""
+    """Samples (mask) that fit between their neighbours; coordinates of one marker stand or fall together."""
     good = np.isfinite(data.value)
-    for c in range(len(data.channels)):
-        rows = np.flatnonzero((data.channel == c) & good)
+    for at in dict.fromkeys(c.at for c in data.channels):
+        channels = [i for i, c in enumerate(data.channels) if c.at == at and c.coordinate != "effort"]
+        if not channels:
+            continue
         for _ in range(ROUNDS):
-            if rows.size < 9:
+            far: dict[float, float] = {}
+            for c in channels:
+                rows = np.flatnonzero((data.channel == c) & good)
+                if rows.size < 9:
+                    continue
+                miss, index = _missed_by_neighbours(data.time_s[rows], data.value[rows])
+                # A counter that repeats one value has no scatter of its own.
+                told = data.channels[c].noise == "given" or quantum(data.value[rows]) > 0
+                floor = 0.7 * np.median(data.sigma[rows]) if told else 0.0
+                width = max(1.4826 * np.median(np.abs(miss)), floor, 1e-300)
+                for t, size in zip(data.time_s[rows[index]], miss / width, strict=True):
+                    far[t] = far.get(t, 0.0) + size**2
+            if not far:
                 break
-            miss, at = _missed_by_neighbours(data.time_s[rows], data.value[rows])
-            width = 1.4826 * np.median(np.abs(miss))
-            floor = 0.7 * np.median(data.sigma[rows])
-            size = np.abs(miss) / max(width, floor, 1e-300)
-            worst = np.array([size[max(i - 2, 0) : i + 3].max() for i in range(size.size)])
-            out = (size > WRONG) & (size >= worst)
+            times = np.array(sorted(far))
+            square = np.array([far[t] for t in times])
+            worst = np.array([square[max(i - 2, 0) : i + 3].max() for i in range(square.size)])
+            out = (square > chi2.isf(RARE, len(channels))) & (square >= worst)
             if not out.any() or out.mean() > 0.1:
                 break
-            good[rows[at[out]]] = False
-            rows = np.delete(rows, at[out])
+            good &= ~(np.isin(data.channel, channels) & np.isin(data.time_s, times[out]))
     return good
 
 

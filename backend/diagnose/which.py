@@ -12,14 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
-from backend.diagnose.fitted import Fitted, fit, log_evidence, start_of
-from backend.diagnose.latent import SIZES, Latent, evidence, responses
+from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, start_of
+from backend.diagnose.latent import SIZES, Latent, evidence, left_over, responses
 from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen, screen
 from backend.diagnose.subject import Choice, Subject
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
+STRAY = 4.3  # sd: a sample of a smooth record that nothing smooth explains
 BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
@@ -70,7 +71,22 @@ class Search:
         """The drawing with its tolerances alone, as far into the records as it follows them."""
         made = self.follow(self.subject.choose())
         self.latent = responses(self.subject, made)
+        if made.fraction == 1.0 and self._set_aside(made):
+            made = fit(self.subject, made.choice, start=made.x)
+            self.latent = responses(self.subject, made)
         return self._keep(made)
+
+    def _set_aside(self, fitted: Fitted) -> bool:
+        """Drop samples that no smooth cause could bring near; false where there are none, or too many to be chance."""
+        left = left_over(fitted, self.latent)
+        width = max(1.0, 1.4826 * float(np.median(np.abs(left))))
+        wrong = np.abs(left) > STRAY * width
+        if not wrong.any() or wrong.mean() > 0.05:
+            return False
+        seer = Seer(self.subject, fitted.probes, fitted.fraction)
+        for keep, white, rows in zip(self.subject.noise.keep, seer.white, seer.rows, strict=True):
+            keep[white.keep[wrong[rows]]] = False
+        return True
 
     def follow(self, choice: Choice, start: np.ndarray | None = None) -> Fitted:
         """Fit over as much of the records as the choice can follow."""

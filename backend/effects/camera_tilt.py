@@ -23,11 +23,15 @@ class CameraTilt(AbstractView):
     distance_m: Float[Array, ""] = parameter(
         "m", "from the camera to the mechanism; 0: three times the extent of what is drawn", lower=0.0, by_name=True
     )
+    aim_right_m: Float[Array, ""] = parameter(
+        "m", "where the line of sight meets the picture, right of the middle of what is drawn", by_name=True, expected=0.5
+    )
+    aim_down_m: Float[Array, ""] = parameter("m", "and below it", by_name=True, expected=0.5)
 
     def view(self, sight, camera):
         """Turn in the camera's axes (right, down, along), then divide by the depth gained."""
         axes = jnp.stack([camera.right, camera.down, camera.axis])
-        drawn = (sight.p_WP - camera.center) @ axes.T
+        drawn = (sight.p_WP - camera.aimed(self.aim_right_m, self.aim_down_m)) @ axes.T
         x, y, z = jnp.moveaxis(drawn, -1, 0)
         cos, sin = jnp.cos(self.pitch_rad), jnp.sin(self.pitch_rad)
         turned_y, deep = cos * y - sin * z, sin * y + cos * z

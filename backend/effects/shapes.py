@@ -260,6 +260,10 @@ class Camera(eqx.Module):
         """Unit direction in W along the rows of a picture, so that right x down = axis."""
         return jnp.cross(self.down, self.axis)
 
+    def aimed(self, right_m: Scalar, down_m: Scalar) -> Float[Array, "3"]:
+        """World point where a line of sight meets the picture, so far from the middle of what is drawn [m]."""
+        return self.center + right_m * self.right + down_m * self.down
+
 
 class Sight(eqx.Module):
     """Points as a camera meets them."""
