@@ -17,14 +17,12 @@ from backend.diagnose.library import SMOOTH, library
 from backend.diagnose.next_experiment import next_experiment
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, Test, shrinkage, tests
-from backend.diagnose.subject import Subject, prepare
+from backend.diagnose.subject import Subject, coarse_step, prepare
 from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Cause, Search
-from backend.fit.fit_study import default_step
 from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study
-from backend.model.build import build
 
 ALPHA = 0.01
 DEEPEST = 4  # effects in one explanation
@@ -84,8 +82,8 @@ class _Inquiry:
         self.rng, self.done, self.planned = np.random.default_rng(seed), 0, 4.0 + REFITS + 2.0 * LEADERS * PARTNERS
         self.warnings: list[str] = []
         self.tell("building the library of effects")
-        step = step_s or default_step(study, build(study.mechanism))
-        self.subject = prepare(study, library(study.mechanism, SMOOTH, study.tolerances, without), step)
+        known = library(study.mechanism, SMOOTH, study.tolerances, without)
+        self.subject = prepare(study, known, step_s or coarse_step(study))
         self.search = Search(self.subject, self.tell, self.cancelled)
 
     def tell(self, words: str) -> None:

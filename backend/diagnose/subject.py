@@ -15,7 +15,9 @@ from jaxtyping import Float
 from backend.diagnose.library import Candidate, Library
 from backend.diagnose.noise import Noise, estimate
 from backend.diagnose.probe import Probe, with_drives
+from backend.fit.fit_study import default_step
 from backend.fit.free import FreeParameter
+from backend.fit.measured import measured
 from backend.fit.prediction import addresses_of
 from backend.mechanism.effect import Effect
 from backend.mechanism.joint import WITHOUT_COORDINATE
@@ -27,6 +29,9 @@ UNKNOWN = "unknown@"  # ids of the drives that stand for what is not in the libr
 WAVES = (12, 48)  # fewest and most bumps in time of an unknown drive
 PER_TIME = 1.6  # natural times between bumps
 ALL_WAVES = 512  # joints times bumps
+FINE_ERROR = 2e-5  # rad, of a motion at the fit's default step
+HARMLESS = 0.1  # of the noise: what the step may be off by
+COARSEST = 2.0  # times the fit's default step
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 
@@ -93,6 +98,30 @@ class Subject:
             return list(pool.map(work, items))
 
 
+def coarse_step(study: Study) -> float:
+    """The step of the simulation [s]: no finer than the noise asks for, from the sampling and the mechanism's size.
+
+    A step of a fiftieth of the natural time is off by about 2e-5 of what it turned, and the error falls with its square.
+    """
+    model = build(study.mechanism)
+    fine = default_step(study, model)
+    noise = estimate([measured(e, model) for e in study.experiments])
+    relative = [
+        s / (1.0 if d.channels[c].unit == "rad" else float(model.scale.length_m))
+        for d, sigma in zip((measured(e, model) for e in study.experiments), noise.sigma, strict=True)
+        for c in range(len(d.channels))
+        for s in [float(np.median(sigma[d.channel == c]))]
+    ]
+    wanted = fine * np.sqrt(HARMLESS * min(relative) / FINE_ERROR)
+    sampling = min(_sampling(d) for d in (measured(e, model) for e in study.experiments))
+    return float(max(fine, min(wanted, COARSEST * fine, sampling)))
+
+
+def _sampling(data) -> float:
+    gaps = [np.diff(data.time_s[data.channel == c]) for c in range(len(data.channels))]
+    return float(min(np.median(g) for g in gaps if g.size))
+
+
 def prepare(study: Study, library: Library, step_s: float) -> Subject:
     """Build the family's model and find where every experiment starts. ValueError names the experiment."""
     joints = _drivable(study)
@@ -109,7 +138,7 @@ def prepare(study: Study, library: Library, step_s: float) -> Subject:
         return Probe.of(experiment, model, own, step_s)
 
     fit, held = [probe(e) for e in study.fit], [probe(e) for e in study.held_out]
-    frame = tuple(max(sizes) for sizes in zip(*(p.frame for p in (*fit, *held)), strict=True))
+    frame = tuple(_few_sizes(max(sizes)) for sizes in zip(*(p.frame for p in (*fit, *held)), strict=True))
     waves = int(np.clip(max(p.duration_s for p in fit) / (PER_TIME * model.scale.time_s), *WAVES))
     waves = max(min(waves, ALL_WAVES // max(len(joints), 1)), 4)
     for p in (*fit, *held):
@@ -119,6 +148,11 @@ def prepare(study: Study, library: Library, step_s: float) -> Subject:
     noise = estimate([p.data for p in (*fit, *held)])
     parts = [Noise(noise.sigma[a:b], noise.memory, noise.keep[a:b]) for a, b in ((0, len(fit)), (len(fit), None))]
     return Subject(library, model, fit, held, parts[0], parts[1], step_s, joints)
+
+
+def _few_sizes(count: int) -> int:
+    """Rounded up to a power of the root of two, so that studies of one mechanism share compiled programs."""
+    return int(np.ceil(2.0 ** (np.ceil(2.0 * np.log2(max(count, 64)) - 1e-9) / 2.0)))
 
 
 def bumps(steps: int, step_s: float, duration_s: float, waves: int) -> Float[np.ndarray, "nodes waves"]:
