@@ -22,6 +22,7 @@ class Fitted:
     J = d(predicted): data rows alone, run by run as `rows` says; precision: prior of x.
     """
 
+    subject: Subject
     choice: Choice
     probes: tuple[Probe, ...]
     x: Float[np.ndarray, " x"]
@@ -121,7 +122,7 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
     r, J = -solution.residual[: seer.count], solution.jacobian[: seer.count]
     precision = np.concatenate([choice.prior_sd**-2.0, np.zeros(x.size - few)])
     return Fitted(
-        choice, tuple(probes), solution.x, r, J, seer.rows, precision, solution.status, fraction, seer.miss(solution.x)
+        subject, choice, tuple(probes), solution.x, r, J, seer.rows, precision, solution.status, fraction, seer.miss(solution.x)
     )
 
 
@@ -131,7 +132,7 @@ class Seer:
     def __init__(self, subject: Subject, probes: Sequence[Probe], fraction: float = 1.0):
         self.subject, self.probes = subject, probes
         self.white = [
-            subject.noise.whitening(p.data, i, fraction, subject.scale) for i, p in enumerate(probes)
+            subject.noise.whitening(p.data, i, fraction) for i, p in enumerate(probes)
         ]
         ends = np.cumsum([0, *[w.keep.size for w in self.white]]).tolist()
         self.rows = tuple(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))

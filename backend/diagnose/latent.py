@@ -83,7 +83,34 @@ def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarra
     stacked = {
         k: _blocks(n, seer.rows, [np.concatenate(parts, 1) for parts in runs]) for k, runs in blocks.items()
     }
+    warp = _warp(fitted, seer, axes)
+    size = np.median(np.linalg.norm(stacked["camera"], axis=0))
+    stacked["camera"] = np.concatenate([stacked["camera"], warp * size / np.linalg.norm(warp, axis=0)], 1)
     return stacked if len(markers) > 1 else {"camera": stacked["camera"]}
+
+
+def _warp(fitted: Fitted, seer: Seer, axes: Sequence[str]) -> Float[np.ndarray, "n terms"]:
+    """Shifts that depend on where in the picture a point is: cubics in its measured place, the same at all times."""
+    seen = []
+    for p in fitted.probes:
+        where = {}
+        for c, channel in enumerate(p.data.channels):
+            rows = np.flatnonzero(p.data.channel == c)
+            where |= {(channel.at, channel.coordinate, t): v for t, v in zip(p.data.time_s[rows], p.data.value[rows], strict=True)}
+        keys = [(p.data.channels[c].at, t) for c, t in zip(p.data.channel, p.data.time_s, strict=True)]
+        seen.append(np.array([[where.get((at, a, t), np.nan) for a in axes] for at, t in keys]))
+    every = np.concatenate(seen)
+    middle, reach = np.nanmean(every, 0), max(float(np.nanstd(every)), 1e-300)
+    columns = []
+    for p, places, white in zip(fitted.probes, seen, seer.white, strict=True):
+        u = np.nan_to_num((places - middle) / reach)
+        powers = [a for a in np.ndindex(*(4,) * len(axes)) if sum(a) <= 3]
+        terms = np.stack([np.prod(u ** np.array(a), axis=1) for a in powers], 1)
+        marker = np.array([c.at.startswith("marker:") for c in p.data.channels])[p.data.channel]
+        axis = np.array([c.coordinate for c in p.data.channels])[p.data.channel]
+        columns.append(np.concatenate([white(terms * (marker & (axis == a))[:, None]) for a in axes], 1))
+    made = np.concatenate(columns)
+    return made[:, np.linalg.norm(made, axis=0) > 1e-9]
 
 
 def _blocks(n: int, rows: Sequence[slice], parts: Sequence[np.ndarray]) -> np.ndarray:

@@ -15,10 +15,10 @@ import numpy as np
 from backend.effects.catalogue import catalogue
 from backend.effects.effect import AbstractEffect
 from backend.effects.shapes import (
+    AbstractDryFriction,
     AbstractJointClearance,
     AbstractJointStop,
     AbstractLinkContact,
-    AbstractRateFriction,
     AbstractSection,
 )
 from backend.fit.free import Freedom, FreeParameter, free_parameters
@@ -29,7 +29,8 @@ from backend.model.build import build
 
 SWITCHING = (AbstractJointClearance, AbstractJointStop, AbstractSection)  # nothing to first order while absent
 DECLARED_ONLY = (AbstractLinkContact,)  # their geometry must be drawn
-SMOOTH = "smooth"
+SMOOTH, LOAD = "smooth", "load"
+TIGHT = 1e-6  # mechanism lengths: play of a pin that is as good as none
 OF_DRAWN = 0.3  # of a value that is drawn: how far it may be off before any data
 KNOWN_ENOUGH = 3.0  # a tolerance of a drawing is a finding beyond so many of its standard deviations
 
@@ -48,11 +49,14 @@ class Candidate:
     parameters: tuple[FreeParameter, ...]
     takes: tuple[tuple[int, ...], ...]
     family: str
+    partial: bool = False
+    """Whether it frees one number of several that are absent each by itself, as the ends of a joint's travel are."""
 
     @property
     def name(self) -> str:
         """`kind:place`, or `kind:all` for a shared one."""
-        return f"{self.kind}:{'all' if len(self.on) > 1 else self.on[0]}"
+        part = f".{self.parameters[0].parameter}" if self.partial else ""
+        return f"{self.kind}:{'all' if len(self.on) > 1 else self.on[0]}{part}"
 
     @property
     def prior_sd(self) -> np.ndarray:
@@ -76,7 +80,8 @@ class Candidate:
 class Library:
     """Candidates of one family, the parameters they take and the effects that carry them.
 
-    nuisances: indices of the parameters that the study's tolerances free in every fit.
+    nuisances: indices of the parameters that the study's tolerances free in every fit. neutral: what every parameter is
+    where no candidate takes it.
     """
 
     family: str
@@ -84,13 +89,19 @@ class Library:
     added: tuple[Effect, ...]
     candidates: tuple[Candidate, ...]
     nuisances: tuple[int, ...]
+    neutral: tuple[float, ...]
 
 
 def family_of(effect: type[AbstractEffect]) -> str:
     """Effects that change the structure of the model stand apart, one family each."""
     if issubclass(effect, SWITCHING):
         return effect.kind
-    return "load" if effect.kind == "pin_friction" else SMOOTH
+    return LOAD if issubclass(effect, AbstractDryFriction) and _grows_with_load(effect) else SMOOTH
+
+
+def _grows_with_load(effect: type[AbstractEffect]) -> bool:
+    """Friction whose limit no number of its own but a coefficient gives couples the joints' rows."""
+    return all(d.unit == "1" for d in effect.declarations().values())
 
 
 def families(without: frozenset[str] = frozenset()) -> dict[str, tuple[str, ...]]:
@@ -129,12 +140,24 @@ def library(
         sd = None if row.expected is None else max(row.expected, OF_DRAWN * abs(p.start))
         own = known.get(p.name)
         wide.append(max(sd, KNOWN_ENOUGH * own) if sd is not None and own is not None else sd)
-    as_causes = [replace(p, prior_sd=sd) for p, sd in zip(found, wide, strict=True)]
+    as_causes = [
+        replace(p, prior_sd=sd, start=0.0 if _out_of_reach(p, sd) else p.start)
+        for p, sd in zip(found, wide, strict=True)
+    ]
+    loose_pins = {k for k in wanted if issubclass(catalogue()[k], AbstractJointClearance)}
+    tight = TIGHT * float(build(mechanism).scale.length_m)
+    neutral = tuple(tight if p.kind in loose_pins and p.name not in known else p.start for p in found)
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
     nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
     return Library(
-        family, parameters, tuple(added.values()), tuple(_candidates(mechanism, wanted, as_causes)), nuisances
-    )
+        family, parameters, tuple(added.values()), tuple(_candidates(mechanism, wanted, as_causes, found)), nuisances,
+        neutral,
+    )  # fmt: skip
+
+
+def _out_of_reach(p: FreeParameter, sd: float | None) -> bool:
+    """Absent means so large that it never matters: a stop that is never met, a link that never bends."""
+    return sd is not None and abs(p.start) > 100.0 * sd
 
 
 def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
@@ -161,7 +184,7 @@ def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
 
 
 def _candidates(
-    mechanism: Mechanism, kinds: Sequence[str], parameters: Sequence[FreeParameter]
+    mechanism: Mechanism, kinds: Sequence[str], parameters: Sequence[FreeParameter], drawn: Sequence[FreeParameter]
 ) -> Iterator[Candidate]:
     for kind in kinds:
         family = family_of(catalogue()[kind])
@@ -170,9 +193,12 @@ def _candidates(
             if p.kind == kind and p.prior_sd is not None:
                 at.setdefault(p.on, []).append(i)
         for on, rows in at.items():
-            own = tuple(parameters[i] for i in rows)
-            yield Candidate(kind, on, _places(mechanism, on), own, tuple((i,) for i in rows), family)
-        if len(at) < 2:
+            far = [i for i in rows if _out_of_reach(drawn[i], parameters[i].prior_sd)]
+            for each in [[i] for i in far] if len(far) > 1 else [rows]:
+                own = tuple(parameters[i] for i in each)
+                takes = tuple((i,) for i in each)
+                yield Candidate(kind, on, _places(mechanism, on), own, takes, family, len(far) > 1)
+        if len(at) < 2 or (family != SMOOTH and family != LOAD):
             continue
         alike: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
         for on, rows in at.items():

@@ -102,6 +102,24 @@ class Probe(Run):
         made = self.along(x, np.zeros((drives * waves, x.size)), wave)[1]
         return made.reshape(made.shape[0], drives, waves)
 
+    def coordinates(self, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "times joints"]:
+        """q of every joint along the motion, at even times, through the program that predicts samples."""
+        room = self.setting.column.size
+        joints = len(self.model.topology.joint_ids)
+        times = max(min(60, room // joints), 2)
+        column, since = np.zeros(room, int), np.zeros(room)
+        column[: times * joints] = np.tile(np.arange(joints), times)
+        since[: times * joints] = np.repeat(np.linspace(0.0, self.duration_s, times), joints)
+        asked = replace(self.setting, column=jnp.asarray(column), since_release_s=jnp.asarray(since))
+        x = self._x(values, own)
+        record = asked.record
+        none = np.zeros((AT_ONCE, self.bumps.shape[1], 0 if record is None else record.values.shape[1]))
+        seen, _, _ = sensitivities(
+            asked, jnp.asarray(self.bumps), self.addresses, jnp.asarray(self.step_s), jnp.asarray(x),
+            jnp.zeros((AT_ONCE, x.size)), jnp.asarray(none),
+        )  # fmt: skip
+        return np.asarray(seen)[: times * joints].reshape(times, joints)
+
     def along(
         self, x: np.ndarray, directions: np.ndarray, waves: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:

@@ -12,12 +12,13 @@ import numpy as np
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, softness, weigh
 from backend.diagnose.fitted import log_evidence
-from backend.diagnose.latent import Latent, responses
-from backend.diagnose.library import SMOOTH, library
+from backend.diagnose.latent import Latent
+from backend.diagnose.library import SMOOTH, families, library
 from backend.diagnose.next_experiment import next_experiment
 from backend.diagnose.screen import Screen
-from backend.diagnose.shrink import Shrinkage, Test, shrinkage, tests
+from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
 from backend.diagnose.subject import Subject, coarse_step, prepare
+from backend.diagnose.switch import passed
 from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Cause, Search
@@ -26,6 +27,7 @@ from backend.mechanism.study import Study
 
 ALPHA = 0.01
 DEEPEST = 4  # effects in one explanation
+SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
 WORTH = 5.0  # log evidence that another effect must bring
 SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
@@ -81,6 +83,7 @@ class _Inquiry:
         self.progress, self.cancelled = progress or (lambda fraction, words: None), cancelled or (lambda: False)
         self.rng, self.done, self.planned = np.random.default_rng(seed), 0, 4.0 + REFITS + 2.0 * LEADERS * PARTNERS
         self.warnings: list[str] = []
+        self.without = without
         self.tell("building the library of effects")
         known = library(study.mechanism, SMOOTH, study.tolerances, without)
         self.subject = prepare(study, known, step_s or coarse_step(study))
@@ -107,6 +110,7 @@ class _Inquiry:
             return self.report("none", baseline, baseline, None, about, latent, at_base, p, model_free, first, first)
         singles = self.search.level([baseline], REFITS)
         best, last = self.climb(baseline, singles)
+        best, last = self.switching(baseline, best, last)
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first)
 
     def p_gap(self, about: Screen, at_base: Adequacy) -> float:
@@ -130,12 +134,45 @@ class _Inquiry:
             best, found = top, judged
             if top.fitted.fraction == 1.0:
                 self.scale = max(1.0, min(judged.noise, 1.5))
-            if self.enough(judged) or depth == DEEPEST or self.cancelled():
+            small = max(judged.excess, 0.0) < (0.25 if top.fitted.fraction == 1.0 else 0.0)
+            if self.enough(judged) or depth == DEEPEST or self.cancelled() or (depth >= SURE and small):
                 break
             level = self.search.level(leaders[:LEADERS], PARTNERS)
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
         return best, found
+
+    def switching(self, baseline: Cause, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """Where nothing smooth is enough: stops, play, bending and friction that grows with load, family by family."""
+        if self.enough(last) or baseline.fitted.fraction < 1.0:
+            return best, last
+        motion = passed(baseline.fitted)
+        for family in families(self.without):
+            if family == SMOOTH or self.cancelled():
+                continue
+            self.tell(f"trying {family.replace('_', ' ')}")
+            known = library(self.study.mechanism, family, self.study.tolerances, self.without)
+            if not any(c.family == family for c in known.candidates):
+                continue
+            noise = (self.subject.noise, self.subject.held_noise)
+            subject = prepare(self.study, known, self.subject.step_s, noise)
+            search = Search(subject, self.tell, self.cancelled, self.search.latent)
+            for cause in search.switching(baseline, family, motion):
+                self.search.tried[cause.names] = cause
+                top = self.leaders([cause, best])[0]
+                if top is cause:
+                    search.look_again(cause)
+                    best, last = cause, adequacy(cause.fitted, search.latent, self.rng)
+            if self.enough(last):
+                break
+            if best.names in search.tried and len(best.candidates) < SURE:
+                for cause in search.level([best], PARTNERS)[:1]:
+                    search.look_again(cause)
+                    judged = adequacy(cause.fitted, search.latent, self.rng)
+                    if self.better(cause, best, judged, last):
+                        self.search.tried[cause.names] = cause
+                        best, last = cause, judged
+        return best, last
 
     def leaders(self, level: Sequence[Cause]) -> list[Cause]:
         """Most probable first, among those that follow the longest part of the records."""
@@ -168,7 +205,7 @@ class _Inquiry:
     def held_out(self, cause: Cause) -> tuple[Test, ...]:
         """Tests on the held-out experiments, under values frozen."""
         self.tell("testing on held-out experiments")
-        return tuple(tests(self.subject, cause.fitted, self.scale))
+        return tuple(held_out_tests(cause.fitted, self.scale))
 
     def judge(self, baseline, best: Cause, last: Adequacy, about, latent, at_base, p, model_free, first) -> Diagnosis:
         """The verdict, from adequacy here and on the held-out experiments."""
@@ -183,6 +220,7 @@ class _Inquiry:
         else:
             removed = 1.0 - max(last.excess, 0.0) / max(at_base.excess, 1e-12)
         complete = best.fitted.fraction == 1.0
+        fits = fits and len(best.candidates) <= SURE
         verdict = "identified" if fits and complete else "approximate" if removed >= 0.9 and complete else "unknown"
         return self.report(verdict, baseline, best, last, about, latent, at_base, p, model_free, first, after)
 

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from backend.diagnose.fitted import Fitted
 from backend.diagnose.noise import Noise
 from backend.diagnose.probe import Probe
-from backend.diagnose.subject import Subject
 
 BLOCKS = 6  # of a run: longer than the memory of any residual that a bootstrap should keep
 RESAMPLES = 2000
@@ -38,9 +37,9 @@ class Test:
         return ~self.probe.data.still[self.keep]
 
 
-def tests(subject: Subject, fitted: Fitted, scale: float = 1.0) -> list[Test]:
+def held_out_tests(fitted: Fitted, scale: float) -> list[Test]:
     """All held-out experiments."""
-    few = fitted.count
+    few, subject = fitted.count, fitted.subject
     C = fitted.covariance[:few, :few] * scale**2
 
     def one(i: int) -> Test:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -30,7 +30,7 @@ WAVES = (12, 48)  # fewest and most bumps in time of an unknown drive
 PER_TIME = 1.6  # natural times between bumps
 ALL_WAVES = 512  # joints times bumps
 FINE_ERROR = 2e-5  # rad, of a motion at the fit's default step
-HARMLESS = 0.1  # of the noise: what the step may be off by
+HARMLESS = 0.02  # of the noise: what the step may be off by in each of a few thousand samples
 COARSEST = 2.0  # times the fit's default step
 Item = TypeVar("Item")
 Made = TypeVar("Made")
@@ -73,14 +73,11 @@ class Subject:
     held_noise: Noise
     step_s: float
     joints: tuple[str, ...]
-    scale: float = 1.0
-    """Of all sigmas: larger than 1 where the records turn out noisier than said."""
-    _screens: dict = field(default_factory=dict, repr=False)
 
     @cached_property
     def neutral(self) -> np.ndarray:
         """As drawn."""
-        return np.array([p.start for p in self.library.parameters])
+        return np.array(self.library.neutral)
 
     def choose(self, *candidates: Candidate) -> Choice:
         """Free these candidates and the tolerances that none of them takes."""
@@ -122,13 +119,13 @@ def _sampling(data) -> float:
     return float(min(np.median(g) for g in gaps if g.size))
 
 
-def prepare(study: Study, library: Library, step_s: float) -> Subject:
+def prepare(study: Study, library: Library, step_s: float, noise: tuple[Noise, Noise] | None = None) -> Subject:
     """Build the family's model and find where every experiment starts. ValueError names the experiment."""
     joints = _drivable(study)
     drives = [Effect(id=UNKNOWN + j, kind="effort_offset", on=(j,), parameters={}) for j in joints]
     model = build(study.mechanism, (*library.added, *drives))
     addresses = addresses_of(library.parameters)
-    neutral = np.array([p.start for p in library.parameters])
+    neutral = np.array(library.neutral)
     turning = {j.id: j.type != "prismatic" for j in study.mechanism.joints}
     driven: tuple[Address, ...] = tuple((UNKNOWN + j, "torque_n_m" if turning[j] else "force_n") for j in joints)
 
@@ -145,6 +142,8 @@ def prepare(study: Study, library: Library, step_s: float) -> Subject:
         p.neutral, p.bumps = neutral, bumps(frame[0], step_s, p.duration_s, waves)
         setting = p.framed(*frame)
         p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))
+    if noise is not None:
+        return Subject(library, model, fit, held, *noise, step_s, joints)
     noise = estimate([p.data for p in (*fit, *held)])
     parts = [Noise(noise.sigma[a:b], noise.memory, noise.keep[a:b]) for a, b in ((0, len(fit)), (len(fit), None))]
     return Subject(library, model, fit, held, parts[0], parts[1], step_s, joints)

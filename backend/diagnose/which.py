@@ -17,11 +17,13 @@ from backend.diagnose.latent import SIZES, Latent, evidence, left_over, response
 from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen, screen
 from backend.diagnose.subject import Choice, Subject
+from backend.diagnose.switch import promising
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
 STRAY = 4.3  # sd: a sample of a smooth record that nothing smooth explains
 BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
+SWITCHES = 3  # causes of a kind that switches on, refitted
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
@@ -61,11 +63,11 @@ class Search:
     subject: Subject
     tell: Callable[[str], None]
     cancelled: Callable[[], bool]
+    latent: Latent | None = None
 
     def __post_init__(self):
         self.tried: dict[tuple[str, ...], Cause] = {}
         self.screens: dict[tuple[str, ...], Screen] = {}
-        self.latent: Latent | None = None
 
     def baseline(self) -> Cause:
         """The drawing with its tolerances alone, as far into the records as it follows them."""
@@ -136,6 +138,24 @@ class Search:
             best = min(f.miss for f in grown)
             fits = [f for f in grown if f.miss < max(REACH, BEHIND * best)]
         return fits
+
+    def switching(self, baseline: Cause, family: str, motion: dict[str, np.ndarray]) -> list[Cause]:
+        """Candidates that are nothing while small: tried at some sizes, the best fitted over growing records."""
+        found = []
+        for candidate in self.subject.library.candidates:
+            if candidate.family == family and not self.cancelled():
+                cost, values = promising(self.subject, candidate, motion)
+                if values:
+                    found.append((cost, values, candidate))
+        made = []
+        for _, values, candidate in sorted(found, key=lambda f: f[0])[:SWITCHES]:
+            self.tell(f"trying {candidate.name}")
+            choice = self.subject.choose(candidate)
+            start = start_of(self.subject, choice, values)
+            fitted = fit(self.subject, choice, start=start, fractions=(0.35, 0.7, 1.0))
+            if fitted.fraction == baseline.fitted.fraction and np.isfinite(fitted.chi2):
+                made.append(self._keep(fitted))
+        return sorted(made, key=lambda c: -c.any_size)
 
     def screen(self, cause: Cause) -> Screen:
         """First-order gains about a cause."""

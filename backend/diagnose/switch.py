@@ -1,0 +1,56 @@
+"""Causes that are nothing to first order while absent: stops, play, bending. They are tried at a few sizes each.
+
+Sizes come from the motion itself: a stop stands somewhere in what a joint passes through; play and softness have the
+size that their files expect, and some below and above.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from backend.diagnose.fitted import Fitted, Seer, start_of
+from backend.diagnose.library import Candidate
+from backend.diagnose.subject import Subject
+from backend.effects.catalogue import catalogue
+from backend.effects.shapes import AbstractJointStop
+
+SHARES = (0.15, 0.35, 0.55, 0.75, 0.9)  # of the way from the starts to the end of what a joint passes
+FACTORS = (0.3, 1.0, 3.0)  # of the expected size
+
+
+def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarray]) -> Iterator[dict[str, float]]:
+    """Values, by name, to begin a search from. passed: q of each joint (experiments, times) under the drawing."""
+    if issubclass(catalogue()[candidate.kind], AbstractJointStop):
+        q = passed[candidate.on[0]]
+        (p,), (take,) = candidate.parameters, candidate.takes
+        first, last = (q[:, 0].max(), q.max()) if subject.neutral[take[0]] > 0 else (q[:, 0].min(), q.min())
+        if abs(last - first) > 0.02:
+            yield from ({p.name: float(first + share * (last - first))} for share in SHARES)
+        return
+    for factor in FACTORS:
+        yield {
+            p.name: float(np.clip(p.start + p.prior_sd * factor, p.lower, p.upper)) for p in candidate.parameters
+        }
+
+
+def promising(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarray]) -> tuple[float, dict[str, float]]:
+    """Least sum of squares, and the opening that has it, with every experiment started from its own static frames."""
+    choice = subject.choose(candidate)
+    probes = [p.choose(choice.ties, subject.neutral) for p in subject.fit]
+    seer, best = Seer(subject, probes), (np.inf, {})
+    for values in openings(subject, candidate, passed):
+        x = start_of(subject, choice, values)
+        r, _ = seer(x)
+        # What a late blow does to the rest of a record says little about its place: misses count up to ten sd.
+        cost = float(np.sum(np.minimum(np.nan_to_num(r, nan=10.0) ** 2, 100.0)))
+        best = min(best, (cost, values), key=lambda b: b[0])
+    return best
+
+
+def passed(fitted: Fitted) -> dict[str, np.ndarray]:
+    """q of every joint (experiments, times) under a fitted model."""
+    found = [p.coordinates(fitted.values, fitted.own(i)) for i, p in enumerate(fitted.probes)]
+    ids = fitted.subject.model.topology.joint_ids
+    return {id: np.stack([q[:, ids.index(id)] for q in found]) for id in fitted.subject.joints}
