@@ -10,7 +10,7 @@ import numpy as np
 
 from backend.blind.withheld import library, outside, peers
 from backend.blind.withheld.causes import KINDS, Cause, Rig, drawn_cause
-from backend.blind.withheld.detectability import Record, Witness, distance, projected, rivals_of, whitened
+from backend.blind.withheld.detectability import ALIKE, Distance, Record, Witness, distance, rivals_of
 from backend.blind.withheld.laws import Laws, as_drawn, changed
 from backend.blind.withheld.linkage import Linkage
 from backend.blind.withheld.measurement import Noise, noisy, seen
@@ -24,6 +24,7 @@ UNKNOWN = tuple(name for name, k in KINDS.items() if not k.known)
 STATIC_FRAMES = 20
 FIT, HELD_OUT = 4, 2
 SHARE_OF_PEERS = 0.25
+TOO_FAINT = 0.7  # of the draws that nobody could see are drawn again
 LIVELY = 25.0  # rad/s: faster releases than a camera of 60 frames/s would be used for
 TOUCHY = 12.0  # how much further apart than at the start two near releases may end
 TRIES = 60
@@ -87,10 +88,11 @@ def _attempt(rng: np.random.Generator, stratum: str, unseen: bool, index: int) -
     clean = reality(linkage, causes, laws, starts, record, engine)
     if not np.isfinite(clean).all() or np.abs(clean).max() > 10 * linkage.size:
         return None
-    label = _label(rig, causes, stratum, starts[:fit], record, noise, clean[:fit])
+    witness = Witness(linkage, starts[:fit], record, noise)
     # A draw that nobody could see says nothing; a few are kept, for the smallest sizes belong to the range.
-    if causes and label["d2"] < 9 and rng.random() < 0.7:
+    if causes and rng.random() < TOO_FAINT and distance(witness, clean[:fit], []).d2 < ALIKE:
         return None
+    label = _label(witness, rig, causes, stratum, clean[:fit])
     tables = np.stack([noisy(one, noise, rng) for one in clean])
     label |= {"engine": engine, "family": linkage.family, "sigma_m": noise.sigma_m, "sigma_told": noise.told,
               "rho": noise.rho, "experiments": len(starts)}  # fmt: skip
@@ -169,28 +171,46 @@ def reality(
     return seen(path, rows, linkage.size, *record.rows(count))
 
 
-def _label(
-    rig: Rig, causes: list[Cause], stratum: str, starts: np.ndarray, record: Record, noise: Noise, clean: np.ndarray
-) -> dict[str, Any]:
+def _label(witness: Witness, rig: Rig, causes: list[Cause], stratum: str, clean: np.ndarray) -> dict[str, Any]:
+    """What is true, which names the data allow for it, and how visible it is."""
     without = sorted({k for c in causes for k in (c.kind, *library.EQUIVALENT.get(c.kind, ()))})
     without = without if stratum == "left_out" else []
-    witness = Witness(rig.linkage, starts, record, noise)
-    rivals = rivals_of(rig, causes, without) if stratum in ("single", "left_out", "never") else []
-    far = distance(witness, clean, rivals)
-    d2, alike = far.d2, far.alike
-    effects = [_effect(cause) for cause in causes]
     if stratum == "pair":
-        d2 = min(_share(witness, rig, causes, k, clean) for k in range(2))
-        alike = []
-    if stratum == "never":
-        d2 = min([d2, *far.remainders])  # as far as the nearest known cause: near ones are rightly named
-    classes = [[e] for e in effects] if stratum == "pair" else []
-    if stratum in ("single", "left_out", "never"):
-        named = [] if stratum != "single" else [effects[0]]
-        same = [{"kind": r.kind, "on": list(r.on), "places": list(r.places)} for r in alike]
-        classes = [named + [s for s in same if not named or (s["kind"], s["on"]) != (named[0]["kind"], named[0]["on"])]]
-    return {"stratum": stratum, "effects": effects, "classes": classes, "without": without, "d2": d2,
-            "bin": "none" if not causes else "<9" if d2 < 9 else "9-100" if d2 < 100 else ">100"}  # fmt: skip
+        far = [_beside(witness, rig, causes, k, clean) for k in range(2)]
+        d2 = min(one.d2 for one in far)
+    else:
+        rivals = rivals_of(rig, causes, without) if causes else []
+        far = [distance(witness, clean, rivals)]
+        # What no library holds is as far as the nearest known cause, for a near one is rightly named.
+        d2 = min([far[0].d2, *(far[0].remainders if stratum == "never" else ())])
+    named = stratum in ("single", "pair")
+    classes = [_class(causes[k] if named else None, one) for k, one in enumerate(far)] if causes else []
+    seen = "none" if not causes else "<9" if d2 < ALIKE else "9-100" if d2 < 100 else ">100"
+    return {
+        "stratum": stratum,
+        "effects": [_effect(cause) for cause in causes],
+        "classes": classes,
+        "without": without,
+        "d2": d2,
+        "bin": seen,
+    }
+
+
+def _class(truth: Cause | None, far: Distance) -> list[dict[str, Any]]:
+    """The names that the data allow, the truth's first where the library knows it."""
+    names = {(r.kind, r.on): r.places for r in far.alike}
+    first = {(truth.kind, truth.on): truth.places} if truth else {}
+    return [{"kind": k, "on": list(on), "places": list(at)} for (k, on), at in {**first, **names}.items()]
+
+
+def _beside(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.ndarray) -> Distance:
+    """How visible one of a pair is beside the other."""
+    rest = [cause for i, cause in enumerate(causes) if i != k]
+    laws = as_drawn(rig.linkage)
+    for cause in rest:
+        laws = changed(laws, cause.changes)
+    record = reality(rig.linkage, rest, laws, witness.starts, witness.record)
+    return distance(witness, clean, rivals_of(rig, [causes[k]]), (laws, record))
 
 
 def _effect(cause: Cause) -> dict[str, Any]:
@@ -200,15 +220,3 @@ def _effect(cause: Cause) -> dict[str, Any]:
         "places": list(cause.places),
         "parameters": {name: float(value) for name, value in cause.parameters.items()},
     }
-
-
-def _share(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.ndarray) -> float:
-    """d² of one of a pair beside the other."""
-    rest = [cause for i, cause in enumerate(causes) if i != k]
-    laws = as_drawn(rig.linkage)
-    for cause in rest:
-        laws = changed(laws, cause.changes)
-    one = reality(rig.linkage, rest, laws, witness.starts, witness.record)
-    _, along_start, _ = witness.slopes(as_drawn(rig.linkage), witness.starts, [])
-    difference = projected(whitened(clean, witness.noise) - whitened(one, witness.noise), along_start)
-    return float(difference @ difference)

@@ -16,6 +16,7 @@ from backend.blind.withheld.linkage import GRAVITY, Linkage
 
 Rng = np.random.Generator
 AIR_KG_PER_M3 = 1.225  # ISO 2533
+FAINT = 0.2  # of a kind's lowest telling size: what is drawn goes down to where it can just be seen
 STOP_DEPTH_RAD = 6e-3  # how far a blow with the rig's own energy enters a stop
 
 
@@ -151,7 +152,7 @@ def drawn_cause(rig: Rig, name: str, rng: Rng) -> Cause | None:
     k = KINDS[name]
     at = places(rig.linkage, k.at)
     for i in rng.permutation(at) if at else ():
-        size = float(np.exp(rng.uniform(np.log(k.low), np.log(k.high))))
+        size = float(np.exp(rng.uniform(np.log(k.low * FAINT), np.log(k.high))))
         size *= float(rng.choice([-1, 1])) if k.signed else 1.0
         if made := cause(rig, name, int(i), size, rng):
             return made

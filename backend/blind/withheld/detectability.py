@@ -23,6 +23,7 @@ ALIKE = 9.0
 NEAR = 0.1  # of d²: a rival whose first-order remainder is larger is not worth a fit
 FITTED = 2  # rivals that are fitted, at most
 ROUNDS = 3
+EVERYWHERE = ("viscous_friction", "effort_offset")  # rivals at every joint, wherever the truth lies
 PLANAR = {"center_of_mass_error": "centre", "marker_offset": "shifted", "tracker_drift": "drift"}
 # No slope at zero, or more numbers than a rival of one kind should be allowed.
 WITHOUT_SLOPE = ("joint_stop", "clearance", "base_motion", "stribeck_friction")
@@ -81,9 +82,8 @@ def rivals_of(rig: Rig, truth: Sequence[Cause], left_out: Sequence[str] = ()) ->
             continue
         for i in places(linkage, k.at):
             on, where = named(linkage, k.at, i)
-            if name in kinds or near & set(where) or k.at in ("world", "camera", "spring"):
-                found.append(Rival(name, i, on, where, _directions(rig, name, i), k.signed))
-            elif len(truth) == 0 or k.at in ("hinge", "joint") and name in ("viscous_friction", "effort_offset"):
+            close = name in kinds or bool(near & set(where)) or name in EVERYWHERE
+            if close or not truth or k.at in ("world", "camera", "spring"):
                 found.append(Rival(name, i, on, where, _directions(rig, name, i), k.signed))
     return found
 
@@ -102,7 +102,7 @@ def _directions(rig: Rig, name: str, i: int) -> tuple[tuple[Change, ...], ...]:
 
 
 class Witness:
-    """The drawn linkage seen by the same camera from the same starts (experiments, movers): what nothing amiss shows."""
+    """The drawn linkage, seen by the same camera from the same starts (experiments, movers)."""
 
     def __init__(self, linkage: Linkage, starts: np.ndarray, record: Record, noise: Noise):
         self.linkage, self.starts, self.record, self.noise = linkage, starts, record, noise
@@ -161,13 +161,23 @@ class Distance:
         return [rival for rival, left in zip(self.rivals, self.remainders, strict=True) if left < ALIKE]
 
 
-def distance(witness: Witness, clean: np.ndarray, rivals: Sequence[Rival]) -> Distance:
-    """How far a clean record (experiments, times, markers) is from the drawing's, and from each rival's best."""
-    drawn = as_drawn(witness.linkage)
+def distance(
+    witness: Witness,
+    clean: np.ndarray,
+    rivals: Sequence[Rival],
+    beside: tuple[Laws, np.ndarray] | None = None,
+) -> Distance:
+    """How far a clean record (experiments, times, markers) is from the drawing's, and from each rival's best.
+
+    beside: laws (one row) and record of all else that is amiss, where one of several causes is in question; its
+    rivals are then held to first order.
+    """
+    laws = beside[0] if beside else as_drawn(witness.linkage)
     ways = [way for rival in rivals for way in rival.directions]
-    base, along_start, along = witness.slopes(drawn, witness.starts, ways)
+    base, along_start, along = witness.slopes(laws, witness.starts, ways)
     true = whitened(clean, witness.noise)
-    difference = projected(true - base, along_start)
+    # Beside other causes both records have crisp friction, which the slopes' smooth one must not be held against.
+    difference = projected(true - (whitened(beside[1], witness.noise) if beside else base), along_start)
     d2 = float(difference @ difference)
     signatures = projected(along, along_start) if ways else np.zeros((len(difference), 0))
     left, found, k = [], [], 0
@@ -178,7 +188,7 @@ def distance(witness: Witness, clean: np.ndarray, rivals: Sequence[Rival]) -> Di
         wrong_sign = not rival.signed and len(a) == 1 and a[0] < 0
         left.append(d2 if wrong_sign else float(np.sum((difference - S @ a) ** 2)))
         found.append(a)
-    for i in np.argsort(left)[:FITTED]:
+    for i in np.argsort(left)[: 0 if beside else FITTED]:
         if ALIKE < left[i] < NEAR * d2:
             left[i] = min(left[i], _fitted(witness, true, rivals[i], found[i]))
     return Distance(d2, tuple(rivals), tuple(left))

@@ -93,8 +93,8 @@ def slosh(laws: Laws, mass: np.ndarray, p: np.ndarray, v: np.ndarray, fall: np.n
     out = np.empty_like(state)
     half = state.shape[1] // 2
     speed = np.where(load > 0, u, 0.0)
-    out[:, 0:half:2], out[:, 1:half:2] = speed.real, speed.imag
-    out[:, half::2], out[:, half + 1 :: 2] = acceleration.real, acceleration.imag
+    out[:, 0:half:2], out[:, 1:half:2] = np.real(speed), np.imag(speed)
+    out[:, half::2], out[:, half + 1 :: 2] = np.real(acceleration), np.imag(acceleration)
     return pull, out
 
 

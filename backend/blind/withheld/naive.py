@@ -83,9 +83,7 @@ def regression(case: Case) -> dict[str, Any]:
     return answer(told, 0.0, verdict="identified" if weight[best] > 0.5 else "ambiguous")
 
 
-def answer(
-    told: Sequence[tuple[dict[str, Any], str, float]], none: float, verdict: str = "none"
-) -> dict[str, Any]:
+def answer(told: Sequence[tuple[dict[str, Any], str, float]], none: float, verdict: str = "none") -> dict[str, Any]:
     """gap.json's content in brief: causes as (effect, place, probability), likeliest first."""
     places: dict[str, float] = {}
     for _, where, p in told:
@@ -121,13 +119,13 @@ def _motion(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     if after.sum() <= 2 * window:
         return None
     h = 1.0 / _rate(case)
-    moved = [savgol_filter(q, window, 3, deriv=d, delta=h, axis=1)[:, after][:, window:-window] for d in range(3)]
-    q, v, a = (m.reshape(-1, m.shape[-1]) for m in moved)
+    moved = [np.asarray(savgol_filter(q, window, 3, deriv=d, delta=h, axis=1)) for d in range(3)]
+    q, v, a = (m[:, after][:, window:-window].reshape(-1, m.shape[-1]) for m in moved)
     return q, v, a
 
 
 def _angles(case: Case) -> np.ndarray:
-    """Tree coordinates (experiments, times, n) that bring the drawn markers nearest to the seen ones, frame by frame."""
+    """Tree coordinates (experiments, times, n) that bring the drawn markers nearest to the seen ones in each frame."""
     linkage, seen = case.linkage, case.places[: case.fit]
     count = len(seen)
     laws = as_drawn(linkage, count)
@@ -148,7 +146,7 @@ def _angles(case: Case) -> np.ndarray:
             pull = found / np.maximum(1.0, np.abs(miss) / (0.03 * linkage.size)) ** 0.5 if t else found * 1.0
             A = np.concatenate([J * pull[..., None], UNSTRETCHED * Jc], 1)
             r = np.concatenate([miss * pull, -UNSTRETCHED * phi], 1)
-            A, r = np.concatenate([A.real, A.imag], 1), np.concatenate([r.real, r.imag], 1)
+            A, r = np.concatenate([np.real(A), np.imag(A)], 1), np.concatenate([np.real(r), np.imag(r)], 1)
             H = A.transpose(0, 2, 1) @ A + 1e-9 * np.eye(tree.n)
             step = np.linalg.solve(H, (A.transpose(0, 2, 1) @ r[..., None]))[..., 0]
             q = q + step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(1, keepdims=True), 1e-12))
@@ -160,7 +158,7 @@ def _free(plant: Plant, q: np.ndarray) -> np.ndarray:
     """A basis (rows, n, freedoms) of the motions that keep every loop closed, the movers' rates its coordinates."""
     tree, movers = plant.tree, list(plant.linkage.movers)
     _, J, _ = turned(tree, q, 0 * q).motion(plant.loops)
-    A = np.concatenate([J.real, J.imag, np.broadcast_to(tree.turned[movers], (len(q), len(movers), tree.n))], 1)
+    A = np.concatenate([np.real(J), np.imag(J), np.broadcast_to(tree.turned[movers], (len(q), len(movers), tree.n))], 1)
     want = np.zeros((A.shape[1], len(movers)))
     want[2 * J.shape[1] :] = np.eye(len(movers))
     return np.linalg.pinv(A, 1e-6) @ want

@@ -17,7 +17,7 @@ from backend.blind.withheld.seal import SEAL, generator_version, is_sealed, reve
 from backend.blind.withheld.verdict import judged
 from backend.blind.withheld.write import write_case
 
-DEVELOPMENT = range(0, 10_000)
+DEVELOPMENT = range(10_000)
 TEST = range(1_000_000, 2_000_000)
 DRAWING = 0.08  # of the whole: what making the cases takes beside diagnosing them
 ANSWERS, NAIVE, SCORES = "answers.jsonl", "naive.jsonl", "scores.json"
@@ -105,7 +105,9 @@ def scored(out: Path) -> Scores:
         },
     )
     (out / SCORES).write_text(result.model_dump_json(indent=1))
-    (out / "cases.jsonl").write_text("".join(json.dumps({"case": i, **f}) + "\n" for i, f in zip(sorted(answers), facts, strict=True)))
+    (out / "cases.jsonl").write_text(
+        "".join(json.dumps({"case": i, **f}) + "\n" for i, f in zip(sorted(answers), facts, strict=True))
+    )
     return result
 
 
