@@ -156,7 +156,9 @@ def test_the_hash_covers_label_salt_and_version():
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Pendulums only: a tenth of a second each."""
+    """Pendulums only, and three experiments each."""
+    monkeypatch.setattr(case, "FIT", 2)
+    monkeypatch.setattr(case, "HELD_OUT", 1)
     monkeypatch.setattr(case, "DEVELOPED", {"pendulum": pendulum})
     monkeypatch.setattr(case, "SHARE_OF_PEERS", 0.0)
 
@@ -167,7 +169,7 @@ def test_a_check_is_sealed_first_resumed_and_scored(quick, tmp_path):
     def diagnose(study, without):
         assert (tmp_path / "seal.json").exists()
         read = read_study(study)
-        assert (len(read.fit), len(read.held_out)) in ((4, 2), (1, 0))
+        assert (len(read.fit), len(read.held_out)) in ((2, 1), (1, 0))
         assert sorted(f.name for f in study.parent.iterdir()) == sorted(
             ["study.json", "mechanism.json", *(f"{e.id}.csv" for e in read.experiments)]
         )
@@ -175,15 +177,15 @@ def test_a_check_is_sealed_first_resumed_and_scored(quick, tmp_path):
         return gap("none", none=1.0)
 
     told = []
-    with pytest.raises(Cancelled, match="1 of 6 answers"):
-        run_blind(7, 6, tmp_path, diagnose, cancelled=lambda: len(asked) == 1)
-    result = run_blind(7, 6, tmp_path, diagnose, progress=lambda share, words: told.append(share))
-    assert [name for name, _ in asked] == [f"{i:04d}" for i in range(6)]  # none asked twice
+    with pytest.raises(Cancelled, match="1 of 4 answers"):
+        run_blind(7, 4, tmp_path, diagnose, cancelled=lambda: len(asked) == 1)
+    result = run_blind(7, 4, tmp_path, diagnose, progress=lambda share, words: told.append(share))
+    assert [name for name, _ in asked] == [f"{i:04d}" for i in range(4)]  # none asked twice
     labels = json.loads((tmp_path / "labels.json").read_text())["labels"]
     assert [without for _, without in asked] == [frozenset(lb["without"]) for lb in labels]
     assert told == sorted(told)
     assert told[-1] == 1.0
-    assert result.cases == 6
+    assert result.cases == 4
     assert set(result.baselines) == {"most frequent", "derivatives"}
     assert result.scores["false alarms"].value in (0.0, None)
     assert "most frequent" in result.table()
@@ -202,24 +204,24 @@ def test_a_folder_of_another_seed_is_refused(quick, tmp_path):
         run_blind(8, 1, tmp_path, lambda study, without: gap("none", none=1.0))
 
 
-def test_a_case_is_the_same_every_time_it_is_drawn(quick):
+def test_a_case_is_the_same_every_time_it_is_drawn(quick, monkeypatch):
+    monkeypatch.setattr(case, "stratum_of", lambda seed, index: "none")
     one, again, other = (case.draw_case(seed, 3) for seed in (5, 5, 6))
     assert one.label == again.label
     np.testing.assert_array_equal(one.places, again.places)
     assert other.label != one.label
 
 
-def test_mechanisms_kept_for_tests_are_drawn_only_there(monkeypatch):
+def test_mechanisms_kept_for_tests_are_drawn_only_there(quick, monkeypatch):
     drawn = []
 
     def kept(rng):
         drawn.append("kept")
         return pendulum(rng)
 
-    monkeypatch.setattr(case, "DEVELOPED", {"pendulum": pendulum})
     monkeypatch.setattr(case, "UNSEEN", {"kept": kept})
     monkeypatch.setattr(case, "stratum_of", lambda seed, index: "none")  # the quickest
     for unseen in (False, True):
-        for index in range(12):
+        for index in range(8):
             case.draw_case(11, index, unseen=unseen)
         assert bool(drawn) is unseen

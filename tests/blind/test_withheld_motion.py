@@ -72,7 +72,8 @@ def test_dry_friction_takes_the_same_angle_from_every_swing():
 def test_dry_friction_holds_what_it_can():
     torque = 1.2 * MOMENT * np.sin(0.2)
     _, q, _ = swing(Change("coulomb", 0, torque), start=-0.2, crisp=True)
-    assert np.abs(q + 0.2).max() < 1.5e-3  # bristles of 0.4 mrad, and as much again while they swing
+    # Bristles of 0.4 mrad bearing 1/1.2 of what they can give way by -ln(1 - 1/1.2) of it, in a first swing twice that.
+    assert np.abs(q + 0.2).max() < 2e-3
 
 
 def test_a_stop_turns_the_bar_back():

@@ -27,6 +27,7 @@ EVERYWHERE = ("viscous_friction", "effort_offset")  # rivals at every joint, whe
 PLANAR = {"center_of_mass_error": "centre", "marker_offset": "shifted", "tracker_drift": "drift"}
 # No slope at zero, or more numbers than a rival of one kind should be allowed.
 WITHOUT_SLOPE = ("joint_stop", "clearance", "base_motion", "stribeck_friction")
+SMALL = 0.25  # of a kind's lowest telling size: a step along its direction
 START_STEP = 1e-4  # rad or m
 TOLERANCE = 1e-6  # neighbouring rows take the same steps, so their differences are far more exact
 SEEN_ONLY = frozenset(
@@ -96,7 +97,7 @@ def _directions(rig: Rig, name: str, i: int) -> tuple[tuple[Change, ...], ...]:
     if name == "camera_tilt":
         return (Change("pitch", None, 1e-3),), (Change("yaw", None, 1e-3),)
     k = KINDS[name]
-    made = k.build(rig, i, 0.25 * k.low, np.random.default_rng(0))
+    made = k.build(rig, i, SMALL * k.low, np.random.default_rng(0))
     changes = made[1] if made else []
     return (tuple(changes[:1]),)
 

@@ -30,8 +30,7 @@ def joint_effort(laws: Laws, time_s: float, angle: np.ndarray, rate: np.ndarray)
     if laws.has("cog"):
         effort = effort + laws.cog * np.sin(laws.cog_count * angle + laws.cog_phase)
     if laws.has("wire"):
-        beyond = np.maximum(np.abs(angle - laws.wire_from) - 0.0, 0.0) * (angle > laws.wire_from)
-        effort = effort - laws.wire * beyond
+        effort = effort - laws.wire * np.maximum(angle - laws.wire_from, 0.0)
     if laws.has("kick"):
         effort = effort + laws.kick * np.exp(-0.5 * ((time_s - laws.kick_at) / KICK_S) ** 2)
     return effort

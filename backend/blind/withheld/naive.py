@@ -16,14 +16,16 @@ from scipy.stats import f as fisher
 
 from backend.blind.withheld.case import Case
 from backend.blind.withheld.causes import KINDS, Rig
-from backend.blind.withheld.detectability import WITHOUT_SLOPE, Rival, rivals_of
+from backend.blind.withheld.detectability import SMALL, WITHOUT_SLOPE, Rival, rivals_of
 from backend.blind.withheld.laws import as_drawn, changed
 from backend.blind.withheld.plane import points, turned
 from backend.blind.withheld.plant import Plant
 
 NOT_FORCES = ("late_release", "release_velocity")
 SIGNIFICANT = 0.01
-SMOOTHED_S = 0.12  # of the filter's window
+LARGEST = 2 / SMALL  # of a step along a direction: twice the largest size that is drawn
+ORDER = 5  # of the polynomial: a cubic flattens the accelerations of a lively rig by more than friction takes
+SMOOTHED_S = 0.15  # of the filter's window
 UNSTRETCHED = 1e3  # weight of a metre of open loop beside a metre of a marker
 
 
@@ -62,8 +64,9 @@ def regression(case: Case) -> dict[str, Any]:
     keep = (S**2).sum(1) > 0
     S, terms = S[keep], [t for t, k in zip(terms, keep, strict=True) if k]
     amplitude = -(S @ missing) / (S**2).sum(1)
-    lower = np.array([-np.inf if t.signed else 0.0 for t in terms])
-    amplitude = np.maximum(amplitude, lower)
+    # No part weighs twice what is drawn: without a bound, a mass that undoes all weight explains everything.
+    most = np.array([LARGEST * KINDS[t.kind].high / KINDS[t.kind].low for t in terms])
+    amplitude = np.clip(amplitude, [-m if t.signed else 0.0 for m, t in zip(most, terms, strict=True)], most)
     left = ((missing + amplitude[:, None] * S) ** 2).sum(1)
     whole = float(missing @ missing)
     # Neighbouring samples share the filter's window, so one in a window counts.
@@ -113,13 +116,13 @@ def _rate(case: Case) -> float:
 
 def _motion(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """q, q̇, q̈ of the fit experiments' frames after the release (rows, n); None where a window does not fit."""
-    window = max(5, 2 * round(SMOOTHED_S * _rate(case) / 2) + 1)
+    window = max(9, 2 * round(SMOOTHED_S * _rate(case) / 2) + 1)
     q = _angles(case)
     after = case.record.since_release_s > 0
     if after.sum() <= 2 * window:
         return None
     h = 1.0 / _rate(case)
-    moved = [np.asarray(savgol_filter(q, window, 3, deriv=d, delta=h, axis=1)) for d in range(3)]
+    moved = [np.asarray(savgol_filter(q, window, ORDER, deriv=d, delta=h, axis=1)) for d in range(3)]
     q, v, a = (m[:, after][:, window:-window].reshape(-1, m.shape[-1]) for m in moved)
     return q, v, a
 
