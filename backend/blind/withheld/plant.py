@@ -127,15 +127,6 @@ class Plant:
                 load = np.abs(self._carried(on, a, solved[:, n:]))
         return np.concatenate([now.v, a, bristling, on.yielding, on.sloshing], 1)
 
-    def missing(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """The generalised force that a motion would need beside what acts by these laws (rows, n); smooth friction."""
-        now, nothing = turned(self.tree, q, v), np.zeros((len(q), 0))
-        on = self._acting(0.0, now, nothing, nothing)
-        rub = np.zeros_like(on.rate)
-        if self.rubs:
-            rub = forces.friction(self.laws, on.angle, on.rate, np.ones_like(on.rate), None, self.turning)[0]
-        return (on.M @ a[:, :, None])[..., 0] - on.smooth - rub @ self.tree.turned
-
     def _acting(self, time_s: float, now: Turned, yielded: np.ndarray, slosh: np.ndarray) -> _Acting:
         laws, tree = self.laws, self.tree
         p, J, rest = now.motion(self.centres)
