@@ -6,7 +6,7 @@ import pytest
 from backend.blind.withheld import case, library, outside
 from backend.blind.withheld.case import reality
 from backend.blind.withheld.causes import KINDS, Rig, cause, places
-from backend.blind.withheld.detectability import Record, Witness, distance, rivals_of
+from backend.blind.withheld.detectability import Record, Witness, confusion, distance, rivals_of
 from backend.blind.withheld.laws import as_drawn, changed
 from backend.blind.withheld.measurement import Noise, noisy, seen
 from backend.blind.withheld.mechanisms import double_pendulum, pendulum, scissor
@@ -92,11 +92,22 @@ def test_a_turned_camera_is_a_leaning_rig_to_a_pendulum_at_the_origin(swinging):
     rig, starts = swinging
     witness = Witness(rig.linkage, starts, RECORD, NOISE)
     made = cause(rig, "gravity_tilt", 0, 0.02, None)
-    far = distance(witness, record_of(rig, starts, made), rivals_of(rig, [made]))
-    assert far.d2 > 100
+    d2 = distance(witness, record_of(rig, starts, made), []).d2
+    assert d2 > 100
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), d2)
     alike = {rival.kind for rival in far.alike}
     assert {"gravity_tilt", "camera_rotation"} <= alike
     assert not alike & {"viscous_friction", "camera_scale", "frame_rate_error"}
+
+
+def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(sprung):
+    rig, starts = sprung
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    made = cause(rig, "viscous_friction", 0, 0.1, None)
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e5)
+    alike = {rival.on[0] for rival in far.alike if rival.kind == "viscous_friction"}
+    # Feet turn half as fast, which a quarter of the friction makes up for; only the slot slides another way.
+    assert alike == {pin.id for pin in rig.linkage.pins} - {"slot"}
 
 
 def test_a_rough_spot_is_like_nothing_known(swinging):

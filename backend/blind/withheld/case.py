@@ -9,8 +9,17 @@ from typing import Any
 import numpy as np
 
 from backend.blind.withheld import library, outside, peers
-from backend.blind.withheld.causes import KINDS, Cause, Rig, drawn_cause
-from backend.blind.withheld.detectability import ALIKE, Distance, Record, Witness, distance, rivals_of
+from backend.blind.withheld.causes import KINDS, Cause, Rig, drawn_cause, scaled
+from backend.blind.withheld.detectability import (
+    ALIKE,
+    WITHOUT_SLOPE,
+    Distance,
+    Record,
+    Witness,
+    confusion,
+    distance,
+    rivals_of,
+)
 from backend.blind.withheld.laws import Laws, as_drawn, changed
 from backend.blind.withheld.linkage import Linkage
 from backend.blind.withheld.measurement import Noise, noisy, seen
@@ -24,6 +33,8 @@ UNKNOWN = tuple(name for name, k in KINDS.items() if not k.known)
 STATIC_FRAMES = 20
 FIT, HELD_OUT = 4, 2
 SHARE_OF_PEERS = 0.25
+SHARE_OF_FAINT = 0.25  # of single causes
+UNSCALED = ("joint_stop", "base_motion")  # a smaller one is not the same one weaker
 TOO_FAINT = 0.7  # of the draws that nobody could see are drawn again
 LIVELY = 25.0  # rad/s: faster releases than a camera of 60 frames/s would be used for
 TOUCHY = 12.0  # how much further apart than at the start two near releases may end
@@ -82,13 +93,17 @@ def _attempt(rng: np.random.Generator, stratum: str, unseen: bool, index: int) -
     if peers.knows(causes) and rng.random() < SHARE_OF_PEERS:
         # Exudyn takes 10 s for what MuJoCo does in one where there are many bodies.
         engine = str(rng.choice(peers.ENGINES)) if len(linkage.links) < 4 else peers.ENGINES[0]
-    laws = as_drawn(linkage)
-    for cause in causes:
-        laws = changed(laws, cause.changes)
-    clean = reality(linkage, causes, laws, starts, record, engine)
+    clean = reality(linkage, causes, _laws(linkage, causes), starts, record, engine)
     if not np.isfinite(clean).all() or np.abs(clean).max() > 10 * linkage.size:
         return None
     witness = Witness(linkage, starts[:fit], record, noise)
+    if stratum == "single" and causes[0].kind not in UNSCALED and rng.random() < SHARE_OF_FAINT:
+        # Most sizes stand out plainly; some are brought to where a careful eye just sees them.
+        d2 = distance(witness, clean[:fit], []).d2
+        wanted = float(np.exp(rng.uniform(np.log(1.2 * ALIKE), np.log(80.0))))
+        if d2 > wanted:
+            causes = [scaled(causes[0], float(np.sqrt(wanted / d2)))]
+            clean = reality(linkage, causes, _laws(linkage, causes), starts, record, engine)
     # A draw that nobody could see says nothing; a few are kept, for the smallest sizes belong to the range.
     if causes and rng.random() < TOO_FAINT and distance(witness, clean[:fit], []).d2 < ALIKE:
         return None
@@ -97,6 +112,13 @@ def _attempt(rng: np.random.Generator, stratum: str, unseen: bool, index: int) -
     label |= {"engine": engine, "family": linkage.family, "sigma_m": noise.sigma_m, "sigma_told": noise.told,
               "rho": noise.rho, "experiments": len(starts)}  # fmt: skip
     return Case(linkage, record, release_s, tables, noise, fit, label)
+
+
+def _laws(linkage: Linkage, causes: Sequence[Cause]) -> Laws:
+    laws = as_drawn(linkage)
+    for cause in causes:
+        laws = changed(laws, cause.changes)
+    return laws
 
 
 def _record(rng: np.random.Generator) -> tuple[Record, float]:
@@ -179,8 +201,7 @@ def _label(witness: Witness, rig: Rig, causes: list[Cause], stratum: str, clean:
         far = [_beside(witness, rig, causes, k, clean) for k in range(2)]
         d2 = min(one.d2 for one in far)
     else:
-        rivals = rivals_of(rig, causes, without) if causes else []
-        far = [distance(witness, clean, rivals)]
+        far = [_distance(witness, rig, causes, without, clean)]
         # What no library holds is as far as the nearest known cause, for a near one is rightly named.
         d2 = min([far[0].d2, *(far[0].remainders if stratum == "never" else ())])
     named = stratum in ("single", "pair")
@@ -206,11 +227,20 @@ def _class(truth: Cause | None, far: Distance) -> list[dict[str, Any]]:
 def _beside(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.ndarray) -> Distance:
     """How visible one of a pair is beside the other."""
     rest = [cause for i, cause in enumerate(causes) if i != k]
-    laws = as_drawn(rig.linkage)
-    for cause in rest:
-        laws = changed(laws, cause.changes)
+    laws = _laws(rig.linkage, rest)
     record = reality(rig.linkage, rest, laws, witness.starts, witness.record)
-    return distance(witness, clean, rivals_of(rig, [causes[k]]), (laws, record))
+    truth, rivals = causes[k], rivals_of(rig, [causes[k]])
+    if truth.kind in WITHOUT_SLOPE:
+        return distance(witness, clean, rivals, (laws, record))
+    return confusion(witness, truth, rivals, laws, distance(witness, clean, [], (laws, record)).d2)
+
+
+def _distance(witness: Witness, rig: Rig, causes: list[Cause], without: Sequence[str], clean: np.ndarray) -> Distance:
+    """How visible a single cause is, and how near its rivals come."""
+    rivals = rivals_of(rig, causes, without) if causes else []
+    if not causes or causes[0].kind in (*WITHOUT_SLOPE, *UNKNOWN):
+        return distance(witness, clean, rivals)
+    return confusion(witness, causes[0], rivals, as_drawn(rig.linkage), distance(witness, clean, []).d2)
 
 
 def _effect(cause: Cause) -> dict[str, Any]:

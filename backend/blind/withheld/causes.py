@@ -7,7 +7,7 @@ A size of 1 of a friction would hold the rig against its own weight.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -145,6 +145,12 @@ def cause(rig: Rig, name: str, i: int, size: float, rng: Rng) -> Cause | None:
     on, where = named(rig.linkage, KINDS[name].at, i)
     parameters, changes = made
     return Cause(name, on, where, dict(parameters), tuple(changes))
+
+
+def scaled(one: Cause, share: float) -> Cause:
+    """The same cause, weaker or stronger."""
+    changes = tuple(replace(c, value=c.value * share) if c.sized else c for c in one.changes)
+    return replace(one, parameters={k: v * share for k, v in one.parameters.items()}, changes=changes)
 
 
 def drawn_cause(rig: Rig, name: str, rng: Rng) -> Cause | None:

@@ -23,11 +23,12 @@ ALIKE = 9.0
 NEAR = 0.1  # of d²: a rival whose first-order remainder is larger is not worth a fit
 FITTED = 2  # rivals that are fitted, at most
 ROUNDS = 3
+TANGENT = 0.003  # of the truth: a step along its own way
 EVERYWHERE = ("viscous_friction", "effort_offset")  # rivals at every joint, wherever the truth lies
 PLANAR = {"center_of_mass_error": "centre", "marker_offset": "shifted", "tracker_drift": "drift"}
 # No slope at zero, or more numbers than a rival of one kind should be allowed.
 WITHOUT_SLOPE = ("joint_stop", "clearance", "base_motion", "stribeck_friction")
-SMALL = 0.25  # of a kind's lowest telling size: a step along its direction
+SMALL = 0.02  # of a kind's lowest telling size: a step along its direction
 START_STEP = 1e-4  # rad or m
 TOLERANCE = 1e-6  # neighbouring rows take the same steps, so their differences are far more exact
 SEEN_ONLY = frozenset(
@@ -92,10 +93,10 @@ def rivals_of(rig: Rig, truth: Sequence[Cause], left_out: Sequence[str] = ()) ->
 def _directions(rig: Rig, name: str, i: int) -> tuple[tuple[Change, ...], ...]:
     """Small changes, one set per number that the cause leaves free."""
     if name in PLANAR:
-        step = 1e-3 * rig.linkage.size
+        step = 1e-4 * rig.linkage.size
         return tuple((Change(PLANAR[name], i, step * way),) for way in (1 + 0j, 1j))
     if name == "camera_tilt":
-        return (Change("pitch", None, 1e-3),), (Change("yaw", None, 1e-3),)
+        return (Change("pitch", None, 1e-4),), (Change("yaw", None, 1e-4),)
     k = KINDS[name]
     made = k.build(rig, i, SMALL * k.low, np.random.default_rng(0))
     changes = made[1] if made else []
@@ -193,6 +194,29 @@ def distance(
         if ALIKE < left[i] < NEAR * d2:
             left[i] = min(left[i], _fitted(witness, true, rivals[i], found[i]))
     return Distance(d2, tuple(rivals), tuple(left))
+
+
+def confusion(witness: Witness, truth: Cause, rivals: Sequence[Rival], rest: Laws, d2: float) -> Distance:
+    """What each rival leaves of a truth that has a slope and is d2 from nothing, beside the rest of what is amiss.
+
+    d2 (1 - C²), C the cosine of the truth's own slope with the rival's after the start poses took their share, where
+    nothing is amiss yet and where the whole truth is: a rival must go the truth's way at both ends.
+    """
+    own = [_times(change, TANGENT) if change.sized else change for change in truth.changes]
+    ways = [tuple(own), *(way for rival in rivals for way in rival.directions)]
+    left = np.zeros(len(rivals))
+    for laws in (rest, changed(rest, truth.changes)):
+        _, along_start, along = witness.slopes(laws, witness.starts, ways)
+        slopes = projected(along, along_start)
+        slope, k = slopes[:, 0], 1
+        for i, rival in enumerate(rivals):
+            S = slopes[:, k : k + len(rival.directions)]
+            k += len(rival.directions)
+            a, *_ = np.linalg.lstsq(S, slope, rcond=1e-12)
+            wrong_sign = not rival.signed and len(a) == 1 and a[0] < 0
+            share = 1.0 if wrong_sign else np.sum((slope - S @ a) ** 2) / max(slope @ slope, 1e-300)
+            left[i] = max(left[i], d2 * share)
+    return Distance(d2, tuple(rivals), tuple(map(float, left)))
 
 
 def _fitted(witness: Witness, true: np.ndarray, rival: Rival, a: np.ndarray) -> float:
