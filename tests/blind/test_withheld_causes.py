@@ -100,6 +100,14 @@ def test_a_turned_camera_is_a_leaning_rig_to_a_pendulum_at_the_origin(swinging):
     assert not alike & {"viscous_friction", "camera_scale", "frame_rate_error"}
 
 
+def test_drag_on_a_hanging_link_is_friction_at_its_hinge(double):
+    rig, starts = double
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    made = cause(rig, "viscous_friction", 0, 0.1, None)
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e5)
+    assert {(r.kind, r.on) for r in far.alike} == {("viscous_friction", ("j1",)), ("linear_drag", ("upper",))}
+
+
 def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(sprung):
     rig, starts = sprung
     witness = Witness(rig.linkage, starts, RECORD, NOISE)

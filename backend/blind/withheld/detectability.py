@@ -24,7 +24,8 @@ NEAR = 0.1  # of d²: a rival whose first-order remainder is larger is not worth
 FITTED = 2  # rivals that are fitted, at most
 ROUNDS = 3
 TANGENT = 0.003  # of the truth: a step along its own way
-EVERYWHERE = ("viscous_friction", "effort_offset")  # rivals at every joint, wherever the truth lies
+# Rivals wherever the truth lies: a hinge at the ground and the link it carries name the same friction or inertia.
+EVERYWHERE = ("viscous_friction", "effort_offset", "linear_drag", "rotor_inertia", "inertia_error")
 PLANAR = {"center_of_mass_error": "centre", "marker_offset": "shifted", "tracker_drift": "drift"}
 # No slope at zero, or more numbers than a rival of one kind should be allowed.
 WITHOUT_SLOPE = ("joint_stop", "clearance", "base_motion", "stribeck_friction")
