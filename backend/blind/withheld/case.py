@@ -9,8 +9,17 @@ from typing import Any
 import numpy as np
 
 from backend.blind.withheld import library, outside, peers
-from backend.blind.withheld.causes import KINDS, Cause, Rig, drawn_cause
-from backend.blind.withheld.detectability import Record, Witness, distance, projected, rivals_of, whitened
+from backend.blind.withheld.causes import KINDS, Cause, Rig, drawn_cause, scaled
+from backend.blind.withheld.detectability import (
+    ALIKE,
+    WITHOUT_SLOPE,
+    Distance,
+    Record,
+    Witness,
+    confusion,
+    distance,
+    rivals_of,
+)
 from backend.blind.withheld.laws import Laws, as_drawn, changed
 from backend.blind.withheld.linkage import Linkage
 from backend.blind.withheld.measurement import Noise, noisy, seen
@@ -24,6 +33,9 @@ UNKNOWN = tuple(name for name, k in KINDS.items() if not k.known)
 STATIC_FRAMES = 20
 FIT, HELD_OUT = 4, 2
 SHARE_OF_PEERS = 0.25
+SHARE_OF_FAINT = 0.25  # of single causes
+UNSCALED = ("joint_stop", "base_motion")  # a smaller one is not the same one weaker
+TOO_FAINT = 0.7  # of the draws that nobody could see are drawn again
 LIVELY = 25.0  # rad/s: faster releases than a camera of 60 frames/s would be used for
 TOUCHY = 12.0  # how much further apart than at the start two near releases may end
 TRIES = 60
@@ -81,20 +93,32 @@ def _attempt(rng: np.random.Generator, stratum: str, unseen: bool, index: int) -
     if peers.knows(causes) and rng.random() < SHARE_OF_PEERS:
         # Exudyn takes 10 s for what MuJoCo does in one where there are many bodies.
         engine = str(rng.choice(peers.ENGINES)) if len(linkage.links) < 4 else peers.ENGINES[0]
-    laws = as_drawn(linkage)
-    for cause in causes:
-        laws = changed(laws, cause.changes)
-    clean = reality(linkage, causes, laws, starts, record, engine)
+    clean = reality(linkage, causes, _laws(linkage, causes), starts, record, engine)
     if not np.isfinite(clean).all() or np.abs(clean).max() > 10 * linkage.size:
         return None
-    label = _label(rig, causes, stratum, starts[:fit], record, noise, clean[:fit])
+    witness = Witness(linkage, starts[:fit], record, noise)
+    if stratum == "single" and causes[0].kind not in UNSCALED and rng.random() < SHARE_OF_FAINT:
+        # Most sizes stand out plainly; some are brought to where a careful eye just sees them.
+        d2 = distance(witness, clean[:fit], []).d2
+        wanted = float(np.exp(rng.uniform(np.log(1.2 * ALIKE), np.log(80.0))))
+        if d2 > wanted:
+            causes = [scaled(causes[0], float(np.sqrt(wanted / d2)))]
+            clean = reality(linkage, causes, _laws(linkage, causes), starts, record, engine)
     # A draw that nobody could see says nothing; a few are kept, for the smallest sizes belong to the range.
-    if causes and label["d2"] < 9 and rng.random() < 0.7:
+    if causes and rng.random() < TOO_FAINT and distance(witness, clean[:fit], []).d2 < ALIKE:
         return None
+    label = _label(witness, rig, causes, stratum, clean[:fit])
     tables = np.stack([noisy(one, noise, rng) for one in clean])
     label |= {"engine": engine, "family": linkage.family, "sigma_m": noise.sigma_m, "sigma_told": noise.told,
               "rho": noise.rho, "experiments": len(starts)}  # fmt: skip
     return Case(linkage, record, release_s, tables, noise, fit, label)
+
+
+def _laws(linkage: Linkage, causes: Sequence[Cause]) -> Laws:
+    laws = as_drawn(linkage)
+    for cause in causes:
+        laws = changed(laws, cause.changes)
+    return laws
 
 
 def _record(rng: np.random.Generator) -> tuple[Record, float]:
@@ -169,28 +193,54 @@ def reality(
     return seen(path, rows, linkage.size, *record.rows(count))
 
 
-def _label(
-    rig: Rig, causes: list[Cause], stratum: str, starts: np.ndarray, record: Record, noise: Noise, clean: np.ndarray
-) -> dict[str, Any]:
+def _label(witness: Witness, rig: Rig, causes: list[Cause], stratum: str, clean: np.ndarray) -> dict[str, Any]:
+    """What is true, which names the data allow for it, and how visible it is."""
     without = sorted({k for c in causes for k in (c.kind, *library.EQUIVALENT.get(c.kind, ()))})
     without = without if stratum == "left_out" else []
-    witness = Witness(rig.linkage, starts, record, noise)
-    rivals = rivals_of(rig, causes, without) if stratum in ("single", "left_out", "never") else []
-    far = distance(witness, clean, rivals)
-    d2, alike = far.d2, far.alike
-    effects = [_effect(cause) for cause in causes]
     if stratum == "pair":
-        d2 = min(_share(witness, rig, causes, k, clean) for k in range(2))
-        alike = []
-    if stratum == "never":
-        d2 = min([d2, *far.remainders])  # as far as the nearest known cause: near ones are rightly named
-    classes = [[e] for e in effects] if stratum == "pair" else []
-    if stratum in ("single", "left_out", "never"):
-        named = [] if stratum != "single" else [effects[0]]
-        same = [{"kind": r.kind, "on": list(r.on), "places": list(r.places)} for r in alike]
-        classes = [named + [s for s in same if not named or (s["kind"], s["on"]) != (named[0]["kind"], named[0]["on"])]]
-    return {"stratum": stratum, "effects": effects, "classes": classes, "without": without, "d2": d2,
-            "bin": "none" if not causes else "<9" if d2 < 9 else "9-100" if d2 < 100 else ">100"}  # fmt: skip
+        far = [_beside(witness, rig, causes, k, clean) for k in range(2)]
+        d2 = min(one.d2 for one in far)
+    else:
+        far = [_distance(witness, rig, causes, without, clean)]
+        # What no library holds is as far as the nearest known cause, for a near one is rightly named.
+        d2 = min([far[0].d2, *(far[0].remainders if stratum == "never" else ())])
+    named = stratum in ("single", "pair")
+    classes = [_class(causes[k] if named else None, one) for k, one in enumerate(far)] if causes else []
+    seen = "none" if not causes else "<9" if d2 < ALIKE else "9-100" if d2 < 100 else ">100"
+    return {
+        "stratum": stratum,
+        "effects": [_effect(cause) for cause in causes],
+        "classes": classes,
+        "without": without,
+        "d2": d2,
+        "bin": seen,
+    }
+
+
+def _class(truth: Cause | None, far: Distance) -> list[dict[str, Any]]:
+    """The names that the data allow, the truth's first where the library knows it."""
+    names = {(r.kind, r.on): r.places for r in far.alike}
+    first = {(truth.kind, truth.on): truth.places} if truth else {}
+    return [{"kind": k, "on": list(on), "places": list(at)} for (k, on), at in {**first, **names}.items()]
+
+
+def _beside(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.ndarray) -> Distance:
+    """How visible one of a pair is beside the other."""
+    rest = [cause for i, cause in enumerate(causes) if i != k]
+    laws = _laws(rig.linkage, rest)
+    record = reality(rig.linkage, rest, laws, witness.starts, witness.record)
+    truth, rivals = causes[k], rivals_of(rig, [causes[k]])
+    if truth.kind in WITHOUT_SLOPE:
+        return distance(witness, clean, rivals, (laws, record))
+    return confusion(witness, truth, rivals, laws, distance(witness, clean, [], (laws, record)).d2)
+
+
+def _distance(witness: Witness, rig: Rig, causes: list[Cause], without: Sequence[str], clean: np.ndarray) -> Distance:
+    """How visible a single cause is, and how near its rivals come."""
+    rivals = rivals_of(rig, causes, without) if causes else []
+    if not causes or causes[0].kind in (*WITHOUT_SLOPE, *UNKNOWN):
+        return distance(witness, clean, rivals)
+    return confusion(witness, causes[0], rivals, as_drawn(rig.linkage), distance(witness, clean, []).d2)
 
 
 def _effect(cause: Cause) -> dict[str, Any]:
@@ -200,15 +250,3 @@ def _effect(cause: Cause) -> dict[str, Any]:
         "places": list(cause.places),
         "parameters": {name: float(value) for name, value in cause.parameters.items()},
     }
-
-
-def _share(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.ndarray) -> float:
-    """d² of one of a pair beside the other."""
-    rest = [cause for i, cause in enumerate(causes) if i != k]
-    laws = as_drawn(rig.linkage)
-    for cause in rest:
-        laws = changed(laws, cause.changes)
-    one = reality(rig.linkage, rest, laws, witness.starts, witness.record)
-    _, along_start, _ = witness.slopes(as_drawn(rig.linkage), witness.starts, [])
-    difference = projected(whitened(clean, witness.noise) - whitened(one, witness.noise), along_start)
-    return float(difference @ difference)

@@ -7,7 +7,7 @@ A size of 1 of a friction would hold the rig against its own weight.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from backend.blind.withheld.linkage import GRAVITY, Linkage
 
 Rng = np.random.Generator
 AIR_KG_PER_M3 = 1.225  # ISO 2533
+FAINT = 0.2  # of a kind's lowest telling size: what is drawn goes down to where it can just be seen
 STOP_DEPTH_RAD = 6e-3  # how far a blow with the rig's own energy enters a stop
 
 
@@ -146,12 +147,18 @@ def cause(rig: Rig, name: str, i: int, size: float, rng: Rng) -> Cause | None:
     return Cause(name, on, where, dict(parameters), tuple(changes))
 
 
+def scaled(one: Cause, share: float) -> Cause:
+    """The same cause, weaker or stronger."""
+    changes = tuple(replace(c, value=c.value * share) if c.sized else c for c in one.changes)
+    return replace(one, parameters={k: v * share for k, v in one.parameters.items()}, changes=changes)
+
+
 def drawn_cause(rig: Rig, name: str, rng: Rng) -> Cause | None:
     """A cause of a kind at a random place with a log-uniform size; None where the rig has no place for it."""
     k = KINDS[name]
     at = places(rig.linkage, k.at)
     for i in rng.permutation(at) if at else ():
-        size = float(np.exp(rng.uniform(np.log(k.low), np.log(k.high))))
+        size = float(np.exp(rng.uniform(np.log(k.low * FAINT), np.log(k.high))))
         size *= float(rng.choice([-1, 1])) if k.signed else 1.0
         if made := cause(rig, name, int(i), size, rng):
             return made

@@ -23,9 +23,13 @@ ALIKE = 9.0
 NEAR = 0.1  # of d²: a rival whose first-order remainder is larger is not worth a fit
 FITTED = 2  # rivals that are fitted, at most
 ROUNDS = 3
+TANGENT = 0.003  # of the truth: a step along its own way
+# Rivals wherever the truth lies: a hinge at the ground and the link it carries name the same friction or inertia.
+EVERYWHERE = ("viscous_friction", "effort_offset", "linear_drag", "rotor_inertia", "inertia_error")
 PLANAR = {"center_of_mass_error": "centre", "marker_offset": "shifted", "tracker_drift": "drift"}
 # No slope at zero, or more numbers than a rival of one kind should be allowed.
 WITHOUT_SLOPE = ("joint_stop", "clearance", "base_motion", "stribeck_friction")
+SMALL = 0.02  # of a kind's lowest telling size: a step along its direction
 START_STEP = 1e-4  # rad or m
 TOLERANCE = 1e-6  # neighbouring rows take the same steps, so their differences are far more exact
 SEEN_ONLY = frozenset(
@@ -81,9 +85,8 @@ def rivals_of(rig: Rig, truth: Sequence[Cause], left_out: Sequence[str] = ()) ->
             continue
         for i in places(linkage, k.at):
             on, where = named(linkage, k.at, i)
-            if name in kinds or near & set(where) or k.at in ("world", "camera", "spring"):
-                found.append(Rival(name, i, on, where, _directions(rig, name, i), k.signed))
-            elif len(truth) == 0 or k.at in ("hinge", "joint") and name in ("viscous_friction", "effort_offset"):
+            close = name in kinds or bool(near & set(where)) or name in EVERYWHERE
+            if close or not truth or k.at in ("world", "camera", "spring"):
                 found.append(Rival(name, i, on, where, _directions(rig, name, i), k.signed))
     return found
 
@@ -91,18 +94,18 @@ def rivals_of(rig: Rig, truth: Sequence[Cause], left_out: Sequence[str] = ()) ->
 def _directions(rig: Rig, name: str, i: int) -> tuple[tuple[Change, ...], ...]:
     """Small changes, one set per number that the cause leaves free."""
     if name in PLANAR:
-        step = 1e-3 * rig.linkage.size
+        step = 1e-4 * rig.linkage.size
         return tuple((Change(PLANAR[name], i, step * way),) for way in (1 + 0j, 1j))
     if name == "camera_tilt":
-        return (Change("pitch", None, 1e-3),), (Change("yaw", None, 1e-3),)
+        return (Change("pitch", None, 1e-4),), (Change("yaw", None, 1e-4),)
     k = KINDS[name]
-    made = k.build(rig, i, 0.25 * k.low, np.random.default_rng(0))
+    made = k.build(rig, i, SMALL * k.low, np.random.default_rng(0))
     changes = made[1] if made else []
     return (tuple(changes[:1]),)
 
 
 class Witness:
-    """The drawn linkage seen by the same camera from the same starts (experiments, movers): what nothing amiss shows."""
+    """The drawn linkage, seen by the same camera from the same starts (experiments, movers)."""
 
     def __init__(self, linkage: Linkage, starts: np.ndarray, record: Record, noise: Noise):
         self.linkage, self.starts, self.record, self.noise = linkage, starts, record, noise
@@ -161,13 +164,23 @@ class Distance:
         return [rival for rival, left in zip(self.rivals, self.remainders, strict=True) if left < ALIKE]
 
 
-def distance(witness: Witness, clean: np.ndarray, rivals: Sequence[Rival]) -> Distance:
-    """How far a clean record (experiments, times, markers) is from the drawing's, and from each rival's best."""
-    drawn = as_drawn(witness.linkage)
+def distance(
+    witness: Witness,
+    clean: np.ndarray,
+    rivals: Sequence[Rival],
+    beside: tuple[Laws, np.ndarray] | None = None,
+) -> Distance:
+    """How far a clean record (experiments, times, markers) is from the drawing's, and from each rival's best.
+
+    beside: laws (one row) and record of all else that is amiss, where one of several causes is in question; its
+    rivals are then held to first order.
+    """
+    laws = beside[0] if beside else as_drawn(witness.linkage)
     ways = [way for rival in rivals for way in rival.directions]
-    base, along_start, along = witness.slopes(drawn, witness.starts, ways)
+    base, along_start, along = witness.slopes(laws, witness.starts, ways)
     true = whitened(clean, witness.noise)
-    difference = projected(true - base, along_start)
+    # Beside other causes both records have crisp friction, which the slopes' smooth one must not be held against.
+    difference = projected(true - (whitened(beside[1], witness.noise) if beside else base), along_start)
     d2 = float(difference @ difference)
     signatures = projected(along, along_start) if ways else np.zeros((len(difference), 0))
     left, found, k = [], [], 0
@@ -178,10 +191,33 @@ def distance(witness: Witness, clean: np.ndarray, rivals: Sequence[Rival]) -> Di
         wrong_sign = not rival.signed and len(a) == 1 and a[0] < 0
         left.append(d2 if wrong_sign else float(np.sum((difference - S @ a) ** 2)))
         found.append(a)
-    for i in np.argsort(left)[:FITTED]:
+    for i in np.argsort(left)[: 0 if beside else FITTED]:
         if ALIKE < left[i] < NEAR * d2:
             left[i] = min(left[i], _fitted(witness, true, rivals[i], found[i]))
     return Distance(d2, tuple(rivals), tuple(left))
+
+
+def confusion(witness: Witness, truth: Cause, rivals: Sequence[Rival], rest: Laws, d2: float) -> Distance:
+    """What each rival leaves of a truth that has a slope and is d2 from nothing, beside the rest of what is amiss.
+
+    d2 (1 - C²), C the cosine of the truth's own slope with the rival's after the start poses took their share, where
+    nothing is amiss yet and where the whole truth is: a rival must go the truth's way at both ends.
+    """
+    own = [_times(change, TANGENT) if change.sized else change for change in truth.changes]
+    ways = [tuple(own), *(way for rival in rivals for way in rival.directions)]
+    left = np.zeros(len(rivals))
+    for laws in (rest, changed(rest, truth.changes)):
+        _, along_start, along = witness.slopes(laws, witness.starts, ways)
+        slopes = projected(along, along_start)
+        slope, k = slopes[:, 0], 1
+        for i, rival in enumerate(rivals):
+            S = slopes[:, k : k + len(rival.directions)]
+            k += len(rival.directions)
+            a, *_ = np.linalg.lstsq(S, slope, rcond=1e-12)
+            wrong_sign = not rival.signed and len(a) == 1 and a[0] < 0
+            share = 1.0 if wrong_sign else np.sum((slope - S @ a) ** 2) / max(slope @ slope, 1e-300)
+            left[i] = max(left[i], d2 * share)
+    return Distance(d2, tuple(rivals), tuple(map(float, left)))
 
 
 def _fitted(witness: Witness, true: np.ndarray, rival: Rival, a: np.ndarray) -> float:

@@ -30,8 +30,7 @@ def joint_effort(laws: Laws, time_s: float, angle: np.ndarray, rate: np.ndarray)
     if laws.has("cog"):
         effort = effort + laws.cog * np.sin(laws.cog_count * angle + laws.cog_phase)
     if laws.has("wire"):
-        beyond = np.maximum(np.abs(angle - laws.wire_from) - 0.0, 0.0) * (angle > laws.wire_from)
-        effort = effort - laws.wire * beyond
+        effort = effort - laws.wire * np.maximum(angle - laws.wire_from, 0.0)
     if laws.has("kick"):
         effort = effort + laws.kick * np.exp(-0.5 * ((time_s - laws.kick_at) / KICK_S) ** 2)
     return effort
@@ -93,8 +92,8 @@ def slosh(laws: Laws, mass: np.ndarray, p: np.ndarray, v: np.ndarray, fall: np.n
     out = np.empty_like(state)
     half = state.shape[1] // 2
     speed = np.where(load > 0, u, 0.0)
-    out[:, 0:half:2], out[:, 1:half:2] = speed.real, speed.imag
-    out[:, half::2], out[:, half + 1 :: 2] = acceleration.real, acceleration.imag
+    out[:, 0:half:2], out[:, 1:half:2] = np.real(speed), np.imag(speed)
+    out[:, half::2], out[:, half + 1 :: 2] = np.real(acceleration), np.imag(acceleration)
     return pull, out
 
 

@@ -19,7 +19,9 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
     return max(0.0, float(middle - half)), min(1.0, float(middle + half))
 
 
-def bootstrap(values: Sequence[float], statistic: Callable[[np.ndarray], float], draws: int = 2000) -> tuple[float, float]:
+def bootstrap(
+    values: Sequence[float], statistic: Callable[[np.ndarray], float], draws: int = 2000
+) -> tuple[float, float]:
     """Interval of a statistic of independent values; nan of nothing."""
     if not len(values):
         return float("nan"), float("nan")

@@ -15,19 +15,20 @@ import numpy as np
 from backend.blind.withheld.linkage import Linkage
 
 PER_JOINT = (
-    "viscous coulomb rub stribeck_excess stribeck_rate stiffness offset rotor play lower upper stop_stiffness "
-    "bump bump_at bump_width cog cog_count cog_phase yielding yield_width wire wire_from one_way kick kick_at"
-).split()
-PER_LINK = "heavier inertia stretch drag slow slosh slosh_rate".split()
-PER_LINK_PLANE = ["centre"]
-PER_SPRING = "stiffer preload".split()
-PER_MARKER = "wobble wobble_hz wobble_phase".split()
-PER_MARKER_PLANE = "shifted drift".split()
+    *("viscous", "coulomb", "rub", "stribeck_excess", "stribeck_rate", "stiffness", "offset", "rotor"),
+    *("play", "lower", "upper", "stop_stiffness", "bump", "bump_at", "bump_width", "cog", "cog_count", "cog_phase"),
+    *("yielding", "yield_width", "wire", "wire_from", "one_way", "kick", "kick_at"),
+)
+PER_LINK = ("heavier", "inertia", "stretch", "drag", "slow", "slosh", "slosh_rate")
+PER_LINK_PLANE = ("centre",)
+PER_SPRING = ("stiffer", "preload")
+PER_MARKER = ("wobble", "wobble_hz", "wobble_phase")
+PER_MARKER_PLANE = ("shifted", "drift")
 ONCE = (
-    "tilt delay release_rate gust_at gust_width sway_hz sway_phase "
-    "scale turn pitch yaw k1 frame_rate time_offset readout"
-).split()
-ONCE_PLANE = "gust sway".split()
+    *("tilt", "delay", "release_rate", "gust_at", "gust_width", "sway_hz", "sway_phase"),
+    *("scale", "turn", "pitch", "yaw", "k1", "frame_rate", "time_offset", "readout"),
+)
+ONCE_PLANE = ("gust", "sway")
 UNBOUNDED = {"lower": -np.inf, "upper": np.inf}
 
 
@@ -50,7 +51,8 @@ class Laws:
 
     joints: viscous [N m s/rad], coulomb [N m], rub: pin friction's torque over the reaction [m], stribeck_excess over
     coulomb - 1, stribeck_rate [rad/s], stiffness [N m/rad] about the drawn pose, offset [N m], rotor [kg m²],
-    play: radial [m], lower and upper stops [rad], stop_stiffness [N m/rad^1.5]; at a slide N and m take the place of N m and rad.
+    play: radial [m], lower and upper stops [rad], stop_stiffness [N m/rad^1.5]; at a slide N and m take the place of
+    N m and rad.
     links: heavier, inertia, stretch: relative; centre [m, link axes]; drag: half density x drag coefficient x width
     [N s²/m³], slow [N s/m].  springs: stiffer (relative), preload [N].  markers: shifted [m, link axes], drift [m/s].
     whole: tilt of the rig about world y [rad], delay [s], release_rate of the first mover [rad/s]; the camera's

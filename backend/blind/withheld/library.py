@@ -61,7 +61,7 @@ def _rotor(rig, i, size, rng):
     return {"kg_m2": value}, [Change("rotor", i, value)]
 
 
-@kind("joint_stop", "hinge", 0.15, 0.8)
+@kind("joint_stop", "hinge", 0.5, 0.95)
 def _stop(rig, i, size, rng):
     """At a share of the way that the ideal motion goes beyond every start pose."""
     (low, high), (first, last) = rig.reach[i], rig.starts[i]
@@ -71,9 +71,9 @@ def _stop(rig, i, size, rng):
     stiff = 2.5 * rig.torque / STOP_DEPTH_RAD**2.5
     hard = Change("stop_stiffness", i, stiff, sized=False)
     if over > under:
-        upper = float(high - size * over)
+        upper = float(last + size * over)
         return {"upper": upper}, [Change("upper", i, upper), hard]
-    lower = float(low + size * under)
+    lower = float(first - size * under)
     return {"lower": lower}, [Change("lower", i, lower), hard]
 
 

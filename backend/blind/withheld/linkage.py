@@ -1,8 +1,8 @@
 """A planar linkage as its maker knows it, and the mechanism.json that is drawn of it.
 
 The plane of motion is the world's x-z plane, written as the complex number x + i z; gravity points along -z.  Angles
-count from x towards z.  A link's own axes: x along the link, y across it in the plane, z along -y of the world, which is
-every pin's axis; so a drawn pose is the quaternion of 90 degrees about x followed by the angle about z.
+count from x towards z.  A link's own axes: x along the link, y across it in the plane, z along -y of the world, which
+is every pin's axis; so a drawn pose is the quaternion of 90 degrees about x followed by the angle about z.
 """
 
 from __future__ import annotations

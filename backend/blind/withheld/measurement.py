@@ -19,7 +19,7 @@ PICTURE = 1.3  # its height, over twice the rig's size
 
 @dataclass(frozen=True)
 class Noise:
-    """sigma_m: of a coordinate; rho: correlation of neighbouring frames; outliers, missing: shares; told: in the file."""
+    """sigma_m: of a coordinate; rho: correlation of frames; outliers, missing: shares; told: in the file."""
 
     sigma_m: float
     rho: float
@@ -36,9 +36,7 @@ class Path(Protocol):
         ...
 
 
-def seen(
-    path: Path, laws: Laws, size: float, since_release_s: np.ndarray, elapsed_s: np.ndarray
-) -> np.ndarray:
+def seen(path: Path, laws: Laws, size: float, since_release_s: np.ndarray, elapsed_s: np.ndarray) -> np.ndarray:
     """Marker places as reported (rows, times, markers), complex [m], without noise.
 
     since_release_s, elapsed_s: stated times since the release and since the record began (rows, times).
@@ -55,23 +53,21 @@ def true_time(laws: Laws, since_release_s: np.ndarray) -> np.ndarray:
     return since_release_s / (1 + laws.frame_rate[:, None]) + (laws.time_offset - laws.delay)[:, None]
 
 
-def reported(
-    laws: Laws, p: np.ndarray, since_release_s: np.ndarray, elapsed_s: np.ndarray, size: float
-) -> np.ndarray:
+def reported(laws: Laws, p: np.ndarray, since_release_s: np.ndarray, elapsed_s: np.ndarray, size: float) -> np.ndarray:
     """The picture of true places p (rows, times, markers) [m]."""
     flutter = 2 * np.pi * laws.wobble_hz[:, None] * np.maximum(since_release_s, 0.0)[:, :, None]
     moving = (since_release_s > 0)[:, :, None]
     p = p + laws.wobble[:, None] * np.sin(flutter + laws.wobble_phase[:, None]) * (1 + 0.5j) * moving
     one = [name[:, None, None] for name in (laws.scale, laws.turn, laws.pitch, laws.yaw, laws.k1)]
     scale, turn, pitch, yaw, k1 = one
-    p = p / (1 + (yaw * p.real + pitch * p.imag) / (DISTANCE * size))
+    p = p / (1 + (yaw * np.real(p) + pitch * np.imag(p)) / (DISTANCE * size))
     p = p * (1 + k1 * np.abs(p) ** 2) * (1 + scale) * np.exp(1j * turn)
     return p + laws.drift[:, None] * elapsed_s[:, :, None]
 
 
 def _rolled(path: Path, laws: Laws, true: np.ndarray, p: np.ndarray, size: float) -> np.ndarray:
     """The same points, each at the time its own row of the picture is read, top row first."""
-    row = np.clip(0.5 - p.imag / (2 * PICTURE * size), 0.0, 1.0)
+    row = np.clip(0.5 - np.imag(p) / (2 * PICTURE * size), 0.0, 1.0)
     half, whole = (path.markers(np.maximum(true + share * laws.readout[:, None], 0.0)) for share in (0.5, 1.0))
     return p * (2 * row - 1) * (row - 1) + half * 4 * row * (1 - row) + whole * row * (2 * row - 1)
 

@@ -115,14 +115,16 @@ def scissor(rng: Rng) -> Linkage:
             pins.append(_pin(rng, f"bottom{i}", b - 2, a, complex(x, -s)))
     shoe = _block(rng, "shoe", complex(0, s), 1 + 0j, 0.3 * density * half)
     links.append(shoe)
-    pins += [_pin(rng, "root", 0, 1, complex(0, -s)), _pin(rng, "heel", 2, 7, complex(0, s)), Pin("slot", 0, 7, 1j * s, 1j)]
+    pins += [
+        _pin(rng, "root", 0, 1, complex(0, -s)),
+        _pin(rng, "heel", 2, 7, complex(0, s)),
+        Pin("slot", 0, 7, 1j * s, 1j),
+    ]
     weight = sum(link.mass for link in links) * GRAVITY
     stiff = weight / half * rng.uniform(4.0, 9.0)
     spring = Spring("s1", 1, 2, 0j, 0j, float(stiff), float(2 * s * rng.uniform(0.85, 1.15)))
     order = [p.id for p in pins]
-    return Linkage(
-        "scissor", tuple(links), tuple(pins), (order.index("root"),), ((-0.35, 0.35),), (spring,)
-    )
+    return Linkage("scissor", tuple(links), tuple(pins), (order.index("root"),), ((-0.35, 0.35),), (spring,))
 
 
 def fivebar(rng: Rng) -> Linkage:

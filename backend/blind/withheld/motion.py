@@ -6,7 +6,6 @@ LSODA (Petzold 1983), which turns implicit where they are stiff.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,18 +72,24 @@ class Motion:
             now = turned(plant.tree, q, v)
             p, J, _ = now.motion(plant.centres)
             speed = (J @ v[:, :, None])[..., 0]
-            kinetic = 0.5 * (plant.mass * np.abs(speed) ** 2).sum(1) + 0.5 * np.einsum("rn,rnm,rm->r", v, plant.rotary, v)
+            kinetic = 0.5 * (plant.mass * np.abs(speed) ** 2).sum(1) + 0.5 * np.einsum(
+                "rn,rnm,rm->r", v, plant.rotary, v
+            )
             high = -(plant.mass * np.real(np.conj(plant.gravity)[:, None] * p)).sum(1)
             length = np.abs(now.place(plant.struts))
-            springs = [0.5 * s.stiffness * (length[:, i] - s.free_length) ** 2 for i, s in enumerate(plant.linkage.springs)]
+            springs = [
+                0.5 * s.stiffness * (length[:, i] - s.free_length) ** 2 for i, s in enumerate(plant.linkage.springs)
+            ]
             rows.append(kinetic + high + sum(springs))
         return np.array(rows).T
 
     def open_m(self) -> float:
         """How far any loop is open at any time [m]."""
         n = self.plant.n
-        misses = [np.abs(turned(self.plant.tree, s[:, :n], s[:, n : 2 * n]).place(self.plant.loops)) for s in
-                  np.moveaxis(self.state, 1, 0)]
+        misses = [
+            np.abs(turned(self.plant.tree, s[:, :n], s[:, n : 2 * n]).place(self.plant.loops))
+            for s in np.moveaxis(self.state, 1, 0)
+        ]
         return float(np.max(misses, initial=0.0))
 
 
@@ -108,8 +113,20 @@ def close(plant: Plant, wanted: np.ndarray, near: np.ndarray | None = None) -> n
             now = turned(tree, q, np.zeros_like(q))
             phi, J, _ = now.motion(plant.loops)
             off, Jh, _ = now.motion(plant.holes)
-            miss = [phi.real, phi.imag, (off - rest).real, (off - rest).imag, (q @ tree.turned.T)[:, linkage.movers] - goal]
-            slopes = [J.real, J.imag, Jh.real, Jh.imag, np.broadcast_to(tree.turned[list(linkage.movers)], (rows, len(linkage.movers), n))]
+            miss = [
+                np.real(phi),
+                np.imag(phi),
+                np.real(off - rest),
+                np.imag(off - rest),
+                (q @ tree.turned.T)[:, linkage.movers] - goal,
+            ]
+            slopes = [
+                np.real(J),
+                np.imag(J),
+                np.real(Jh),
+                np.imag(Jh),
+                np.broadcast_to(tree.turned[list(linkage.movers)], (rows, len(linkage.movers), n)),
+            ]
             r, A = np.concatenate(miss, 1), np.concatenate(slopes, 1)
             if np.abs(r).max() < 1e-12:
                 break
@@ -125,7 +142,7 @@ def rates(plant: Plant, q: np.ndarray) -> np.ndarray:
     now = turned(tree, q, np.zeros_like(q))
     _, J, _ = now.motion(plant.loops)
     movers = np.broadcast_to(tree.turned[list(first)], (len(q), len(first), tree.n))
-    A = np.concatenate([J.real, J.imag, movers], 1)
+    A = np.concatenate([np.real(J), np.imag(J), movers], 1)
     want = np.zeros(A.shape[:2])
     want[:, 2 * J.shape[1]] = plant.laws.release_rate
     return np.einsum("rnm,rm->rn", np.linalg.pinv(A, 1e-9), want)
@@ -165,7 +182,7 @@ def _hang(plant: Plant, state: np.ndarray) -> None:
     p = turned(plant.tree, state[:, : plant.n], 0 * state[:, : plant.n]).place(plant.centres)
     sag = plant.gravity[:, None] / np.where(laws.slosh_rate > 0, laws.slosh_rate, 1.0) ** 2 * (laws.slosh > 0)
     x = p + sag
-    state[:, -4 * links : -2 * links : 2], state[:, -4 * links + 1 : -2 * links : 2] = x.real, x.imag
+    state[:, -4 * links : -2 * links : 2], state[:, -4 * links + 1 : -2 * links : 2] = np.real(x), np.imag(x)
 
 
 def _one_by_one(plant: Plant, laws: Laws, state: np.ndarray, time_s: np.ndarray, crisp: bool, tolerance: float):
@@ -174,7 +191,9 @@ def _one_by_one(plant: Plant, laws: Laws, state: np.ndarray, time_s: np.ndarray,
         alone = Laws({name: value[row : row + 1] for name, value in laws.numbers.items()})
         single = Plant(plant.linkage, alone, crisp) if laws.rows > 1 else plant
         if single.width != plant.width:
-            raise Stuck("rows with other loose pins or bristles than their neighbours; move them in batches of their own")
+            raise Stuck(
+                "rows with other loose pins or bristles than their neighbours; move them in batches of their own"
+            )
         paths.append(_run(single, state[row : row + 1], time_s, "LSODA", max(tolerance, 1e-6))[0])
     return np.array(paths)
 
@@ -187,12 +206,19 @@ def _run(plant: Plant, state: np.ndarray, time_s: np.ndarray, method: str, toler
 
     exact = np.full(shape, 0.1 * tolerance)
     exact[:, 2 * plant.n : 2 * plant.n + plant.pins * plant.bristles] = BRISTLE_EXACT
-    options: Mapping[str, float] = {"max_step": 0.01} if method == "LSODA" else {"max_step": 0.05}
+    longest = 0.01 if method == "LSODA" else 0.05  # s: a blow between two steps would be missed
     # A singular pose ends in nonsense rates, which the check below names.
     with np.errstate(all="ignore"):
         try:
             run = solve_ivp(
-                slope, (0.0, time_s[-1]), state.ravel(), method, time_s, rtol=tolerance, atol=exact.ravel(), **options
+                slope,
+                (0.0, time_s[-1]),
+                state.ravel(),
+                method,
+                time_s,
+                rtol=tolerance,
+                atol=exact.ravel(),
+                max_step=longest,
             )
         except np.linalg.LinAlgError as error:
             raise Stuck(f"the {plant.linkage.family} runs into a pose without an answer") from error

@@ -1,7 +1,7 @@
 """Two naive ways to diagnose the same studies, to see what a real one is worth.
 
 Most frequent cause: always the same answer.  Derivative regression: joint angles from the markers, rates and
-accelerations by Savitzky and Golay (1964), then the one term that explains most of the force that is missing.
+accelerations by Savitzky and Golay (1964), then the one term that explains most of what the drawing misses.
 """
 
 from __future__ import annotations
@@ -16,14 +16,16 @@ from scipy.stats import f as fisher
 
 from backend.blind.withheld.case import Case
 from backend.blind.withheld.causes import KINDS, Rig
-from backend.blind.withheld.detectability import WITHOUT_SLOPE, Rival, rivals_of
-from backend.blind.withheld.laws import as_drawn, changed
-from backend.blind.withheld.plane import points, turned
+from backend.blind.withheld.detectability import SMALL, WITHOUT_SLOPE, Rival, rivals_of
+from backend.blind.withheld.laws import Laws, as_drawn, changed
+from backend.blind.withheld.plane import Tree, points, turned
 from backend.blind.withheld.plant import Plant
 
 NOT_FORCES = ("late_release", "release_velocity")
 SIGNIFICANT = 0.01
-SMOOTHED_S = 0.12  # of the filter's window
+LARGEST = 2 / SMALL  # of a step along a direction: twice the largest size that is drawn
+ORDER = 5  # of the polynomial: a cubic flattens the accelerations of a lively rig by more than friction takes
+SMOOTHED_S = 0.1  # of the filter's window
 UNSTRETCHED = 1e3  # weight of a metre of open loop beside a metre of a marker
 
 
@@ -41,30 +43,27 @@ def most_frequent(labels: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def regression(case: Case) -> dict[str, Any]:
-    """The single term that best explains the missing force along the free motions; none where it is insignificant."""
+    """The single term that best explains the accelerations that are missing; none where it is insignificant."""
     moved = _motion(case)
     if moved is None:
         return answer([], 1.0)
-    q, v, a = moved
-    linkage, rows = case.linkage, len(q)
-    drawn = as_drawn(linkage)
-    plant = Plant(linkage, drawn.repeated(rows))
-    free = _free(plant, q)
-    missing = np.einsum("rnm,rn->rm", free, plant.missing(q, v, a)).ravel()
+    state, measured = moved
+    drawn = as_drawn(case.linkage)
+    ideal = _accelerations(case, drawn, state)
+    missing = measured.ravel() - ideal
     terms, columns = [], []
     for rival in _dynamic(case):
         for way in rival.directions:
-            other = Plant(linkage, changed(drawn, way).repeated(rows))
-            column = np.einsum("rnm,rn->rm", free, other.missing(q, v, a)).ravel() - missing
             terms.append(rival)
-            columns.append(column)
+            columns.append(_accelerations(case, changed(drawn, way), state) - ideal)
     S = np.array(columns)
     keep = (S**2).sum(1) > 0
     S, terms = S[keep], [t for t, k in zip(terms, keep, strict=True) if k]
-    amplitude = -(S @ missing) / (S**2).sum(1)
-    lower = np.array([-np.inf if t.signed else 0.0 for t in terms])
-    amplitude = np.maximum(amplitude, lower)
-    left = ((missing + amplitude[:, None] * S) ** 2).sum(1)
+    amplitude = (S @ missing) / (S**2).sum(1)
+    # No size beyond all that is drawn: without a bound, what hardly matters explains everything.
+    most = np.array([LARGEST * KINDS[t.kind].high / KINDS[t.kind].low for t in terms])
+    amplitude = np.clip(amplitude, [-m if t.signed else 0.0 for m, t in zip(most, terms, strict=True)], most)
+    left = ((missing - amplitude[:, None] * S) ** 2).sum(1)
     whole = float(missing @ missing)
     # Neighbouring samples share the filter's window, so one in a window counts.
     free_samples = max(3.0, len(missing) / max(1.0, SMOOTHED_S * _rate(case)))
@@ -83,9 +82,7 @@ def regression(case: Case) -> dict[str, Any]:
     return answer(told, 0.0, verdict="identified" if weight[best] > 0.5 else "ambiguous")
 
 
-def answer(
-    told: Sequence[tuple[dict[str, Any], str, float]], none: float, verdict: str = "none"
-) -> dict[str, Any]:
+def answer(told: Sequence[tuple[dict[str, Any], str, float]], none: float, verdict: str = "none") -> dict[str, Any]:
     """gap.json's content in brief: causes as (effect, place, probability), likeliest first."""
     places: dict[str, float] = {}
     for _, where, p in told:
@@ -113,21 +110,31 @@ def _rate(case: Case) -> float:
     return 1.0 / float(np.median(np.diff(case.record.elapsed_s)))
 
 
-def _motion(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """q, q̇, q̈ of the fit experiments' frames after the release (rows, n); None where a window does not fit."""
-    window = max(5, 2 * round(SMOOTHED_S * _rate(case) / 2) + 1)
+def _motion(case: Case) -> tuple[np.ndarray, np.ndarray] | None:
+    """State (rows, 2 n) and the movers' accelerations (rows, movers) of the fit experiments' frames after the release.
+
+    None where a window does not fit.
+    """
+    window = max(9, 2 * round(SMOOTHED_S * _rate(case) / 2) + 1)
     q = _angles(case)
     after = case.record.since_release_s > 0
     if after.sum() <= 2 * window:
         return None
     h = 1.0 / _rate(case)
-    moved = [savgol_filter(q, window, 3, deriv=d, delta=h, axis=1)[:, after][:, window:-window] for d in range(3)]
-    q, v, a = (m.reshape(-1, m.shape[-1]) for m in moved)
-    return q, v, a
+    moved = [np.asarray(savgol_filter(q, window, ORDER, deriv=d, delta=h, axis=1)) for d in range(3)]
+    q, v, a = (m[:, after][:, window:-window].reshape(-1, m.shape[-1]) for m in moved)
+    return np.concatenate([q, v], 1), a @ Tree(case.linkage).turned[list(case.linkage.movers)].T
+
+
+def _accelerations(case: Case, laws: Laws, state: np.ndarray) -> np.ndarray:
+    """What the movers' accelerations would be by laws (one row) at measured states, flat."""
+    plant = Plant(case.linkage, laws.repeated(len(state)))
+    movers = plant.tree.turned[list(case.linkage.movers)]
+    return (plant.slope(0.0, state)[:, plant.n :] @ movers.T).ravel()
 
 
 def _angles(case: Case) -> np.ndarray:
-    """Tree coordinates (experiments, times, n) that bring the drawn markers nearest to the seen ones, frame by frame."""
+    """Tree coordinates (experiments, times, n) that bring the drawn markers nearest to the seen ones in each frame."""
     linkage, seen = case.linkage, case.places[: case.fit]
     count = len(seen)
     laws = as_drawn(linkage, count)
@@ -148,19 +155,9 @@ def _angles(case: Case) -> np.ndarray:
             pull = found / np.maximum(1.0, np.abs(miss) / (0.03 * linkage.size)) ** 0.5 if t else found * 1.0
             A = np.concatenate([J * pull[..., None], UNSTRETCHED * Jc], 1)
             r = np.concatenate([miss * pull, -UNSTRETCHED * phi], 1)
-            A, r = np.concatenate([A.real, A.imag], 1), np.concatenate([r.real, r.imag], 1)
+            A, r = np.concatenate([np.real(A), np.imag(A)], 1), np.concatenate([np.real(r), np.imag(r)], 1)
             H = A.transpose(0, 2, 1) @ A + 1e-9 * np.eye(tree.n)
             step = np.linalg.solve(H, (A.transpose(0, 2, 1) @ r[..., None]))[..., 0]
             q = q + step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(1, keepdims=True), 1e-12))
         path.append(q)
     return np.array(path).swapaxes(0, 1)
-
-
-def _free(plant: Plant, q: np.ndarray) -> np.ndarray:
-    """A basis (rows, n, freedoms) of the motions that keep every loop closed, the movers' rates its coordinates."""
-    tree, movers = plant.tree, list(plant.linkage.movers)
-    _, J, _ = turned(tree, q, 0 * q).motion(plant.loops)
-    A = np.concatenate([J.real, J.imag, np.broadcast_to(tree.turned[movers], (len(q), len(movers), tree.n))], 1)
-    want = np.zeros((A.shape[1], len(movers)))
-    want[2 * J.shape[1] :] = np.eye(len(movers))
-    return np.linalg.pinv(A, 1e-6) @ want

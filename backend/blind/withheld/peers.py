@@ -45,7 +45,9 @@ def knows(causes: Sequence[Cause]) -> bool:
     return all(cause.kind in CAMERA | ADDED | REDRAWN for cause in causes)
 
 
-def peer_path(engine: str, linkage: Linkage, causes: Sequence[Cause], starts: np.ndarray, duration_s: float) -> PeerPath:
+def peer_path(
+    engine: str, linkage: Linkage, causes: Sequence[Cause], starts: np.ndarray, duration_s: float
+) -> PeerPath:
     """The markers of every start (rows, movers) by "mujoco" or "exudyn"; ImportError where it is not installed."""
     drawn = amiss(linkage, causes)
     duration_s = GRID_S * float(np.ceil(duration_s / GRID_S))
@@ -67,7 +69,7 @@ def _run(engine: str, drawn: dict[str, Any], duration_s: float, places: dict[str
     from backend.blind.exudyn_engine import simulate_exudyn
 
     rubs = any(effect["kind"] in ("coulomb_friction", "pin_friction", "joint_stop") for effect in drawn["effects"])
-    # Second order: its error at 0.5 ms is as large as a camera's noise on a lively rig, so smooth motions are extrapolated.
+    # Its error at 0.5 ms is as large as a camera's noise on a lively rig, so smooth motions are extrapolated.
     return simulate_exudyn(
         drawn,
         duration_s,

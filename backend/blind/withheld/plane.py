@@ -43,7 +43,7 @@ class Tree:
         while grew:
             grew = False
             ready = [j for j, pin in enumerate(pins) if j not in order and (pin.a in path) != (pin.b in path)]
-            # Slides stay in the tree, for a loop is closed by a pin's two equations; loose pins stay out where they can.
+            # Slides stay in the tree, for a loop is closed by a pin's two equations; loose pins stay out if they can.
             ready.sort(key=lambda j: (j in self.loose, pins[j].slide is None, j))
             for j in ready[:1]:
                 here, there = (pins[j].a, pins[j].b) if pins[j].a in path else (pins[j].b, pins[j].a)

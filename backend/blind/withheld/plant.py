@@ -21,7 +21,7 @@ GAUSS = np.polynomial.legendre.leggauss(5)  # exact for |v| v while a link does 
 
 @dataclass(frozen=True)
 class _Acting:
-    """All that acts at an instant but dry friction: mass matrix, generalised force, and what pins' loads follow from."""
+    """All that acts but dry friction: mass matrix, generalised force, and what the pins' loads follow from."""
 
     M: np.ndarray
     smooth: np.ndarray
@@ -127,15 +127,6 @@ class Plant:
                 load = np.abs(self._carried(on, a, solved[:, n:]))
         return np.concatenate([now.v, a, bristling, on.yielding, on.sloshing], 1)
 
-    def missing(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """The generalised force that a motion would need beside what acts by these laws (rows, n); smooth friction."""
-        now, nothing = turned(self.tree, q, v), np.zeros((len(q), 0))
-        on = self._acting(0.0, now, nothing, nothing)
-        rub = np.zeros_like(on.rate)
-        if self.rubs:
-            rub = forces.friction(self.laws, on.angle, on.rate, np.ones_like(on.rate), None, self.turning)[0]
-        return (on.M @ a[:, :, None])[..., 0] - on.smooth - rub @ self.tree.turned
-
     def _acting(self, time_s: float, now: Turned, yielded: np.ndarray, slosh: np.ndarray) -> _Acting:
         laws, tree = self.laws, self.tree
         p, J, rest = now.motion(self.centres)
@@ -180,12 +171,12 @@ class Plant:
         if not m:
             return M, np.zeros((rows, 0))
         phi, Jc, rest = now.motion(self.loops)
-        A = np.concatenate([Jc.real, Jc.imag], 1)
+        A = np.concatenate([np.real(Jc), np.imag(Jc)], 1)
         K = np.zeros((rows, n + m, n + m))
         K[:, :n, :n], K[:, :n, n:], K[:, n:, :n] = M, A.transpose(0, 2, 1), A
         speed = (Jc @ now.v[:, :, None])[..., 0]
         want = -rest - 2 * BACK_PER_S * speed - BACK_PER_S**2 * phi
-        return K, np.concatenate([want.real, want.imag], 1)
+        return K, np.concatenate([np.real(want), np.imag(want)], 1)
 
     def _carried(self, on: _Acting, a: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """The force each pin puts on its body b (rows, joints), complex [N]; the air's share is left out."""

@@ -12,15 +12,15 @@ from typing import Any
 
 from backend.blind.withheld.case import draw_case
 from backend.blind.withheld.naive import most_frequent, regression
-from backend.blind.withheld.score import Facts, Scores, scores
+from backend.blind.withheld.score import ALPHA, Facts, Scores, scores
 from backend.blind.withheld.seal import SEAL, generator_version, is_sealed, revealed, seal
 from backend.blind.withheld.verdict import judged
 from backend.blind.withheld.write import write_case
 
-DEVELOPMENT = range(0, 10_000)
+DEVELOPMENT = range(10_000)
 TEST = range(1_000_000, 2_000_000)
 DRAWING = 0.08  # of the whole: what making the cases takes beside diagnosing them
-ANSWERS, NAIVE, SCORES = "answers.jsonl", "naive.jsonl", "scores.json"
+DRAWN, ANSWERS, NAIVE, SCORES = "drawn.jsonl", "answers.jsonl", "naive.jsonl", "scores.json"
 
 Diagnose = Callable[[Path, frozenset[str]], dict[str, Any]]
 Progress = Callable[[float, str], None]
@@ -41,12 +41,14 @@ def run_blind(
     cancelled: Callable[[], bool] | None = None,
     resume: bool = True,
     workers: int = 1,
+    alpha: float = ALPHA,
 ) -> Scores:
     """Draw n studies, seal what is amiss with them, diagnose each, and score the answers.
 
     diagnose: (study.json, kinds removed from the library) -> gap.json's content.  test: seeds of TEST, which hold
     mechanisms that development never sees; without it seeds of DEVELOPMENT.  progress(share, words);
-    cancelled() is asked before each case.  workers: processes that draw and diagnose (diagnose must then pickle).
+    cancelled() is asked after each case.  workers: processes that draw and diagnose (diagnose must then pickle).
+    alpha: the rate of false alarms that the diagnosis promises.
     Under `out`: studies/, seal.json before the first answer, labels.json, answers.jsonl as answers come, scores.json.
     Raises ValueError for a seed out of its range or a folder of another check, Cancelled.
     """
@@ -57,7 +59,7 @@ def run_blind(
     halt = cancelled or (lambda: False)
     out.mkdir(parents=True, exist_ok=True)
     if not resume:
-        for name in (SEAL, ANSWERS, NAIVE, SCORES):
+        for name in (SEAL, DRAWN, ANSWERS, NAIVE, SCORES):
             (out / name).unlink(missing_ok=True)
     if not is_sealed(out, seed, n):
         (out / ANSWERS).unlink(missing_ok=True)
@@ -66,7 +68,7 @@ def run_blind(
     tell(DRAWING, f"sealed {n} cases: {sha}")
     labels = json.loads((out / "labels.json").read_text())["labels"]
     _answer(labels, out, diagnose, tell, halt, workers)
-    result = scored(out)
+    result = scored(out, alpha)
     tell(1.0, f"scored {n} cases")
     return result
 
@@ -82,7 +84,7 @@ def check_seed(seed: int, test: bool) -> None:
         )
 
 
-def scored(out: Path) -> Scores:
+def scored(out: Path, alpha: float = ALPHA) -> Scores:
     """Scores of the answers in a folder, once its labels are found to be those that were sealed; writes scores.json.
 
     Raises ValueError where a label was changed.
@@ -98,29 +100,35 @@ def scored(out: Path) -> Scores:
         cases=len(facts),
         sha256=sealed["sha256"],
         version=sealed["version"],
-        scores=scores(facts),
+        scores=scores(facts, alpha),
         baselines={
             "most frequent": scores([judged(labels[i], common) for i in sorted(answers)]),
             "derivatives": scores([judged(labels[i], naive[i]) for i in sorted(answers) if i in naive]),
         },
     )
     (out / SCORES).write_text(result.model_dump_json(indent=1))
-    (out / "cases.jsonl").write_text("".join(json.dumps({"case": i, **f}) + "\n" for i, f in zip(sorted(answers), facts, strict=True)))
+    (out / "cases.jsonl").write_text(
+        "".join(json.dumps({"case": i, **f}) + "\n" for i, f in zip(sorted(answers), facts, strict=True))
+    )
     return result
 
 
 def _draw(seed: int, n: int, out: Path, test: bool, tell: Progress, halt: Callable[[], bool], workers: int) -> None:
-    """Write all studies and the regression's answers, then seal the labels."""
-    labels: list[dict[str, Any]] = [{}] * n
-    jobs = [(seed, i, str(_folder(out, i)), test) for i in range(n)]
-    with (out / NAIVE).open("w") as naive:
-        for done, (i, label, gap) in enumerate(_all(_drawn, jobs, workers), 1):
-            labels[i] = label
-            naive.write(json.dumps({"case": i, "gap": gap}) + "\n")
-            tell(DRAWING * done / n, f"drew case {done} of {n}")
-            if halt():
-                raise Cancelled(f"stopped after drawing {done} of {n} cases; nothing is sealed yet")
-    seal(labels, out, seed)
+    """Write all studies and the regression's answers, then seal the labels; a run that was stopped goes on."""
+    stamp = {"seed": seed, "version": generator_version()}
+    drawn = {e["case"]: e for e in _lines(out / DRAWN) if stamp.items() <= e.items() and e["case"] < n}
+    jobs = [(seed, i, str(_folder(out, i)), test) for i in range(n) if i not in drawn]
+    with (out / DRAWN).open("a") as file:
+        for i, label, gap in _all(_drawn, jobs, workers):
+            drawn[i] = {"case": i, "label": label, "gap": gap, **stamp}
+            file.write(json.dumps(drawn[i]) + "\n")
+            file.flush()
+            tell(DRAWING * len(drawn) / n, f"drew case {len(drawn)} of {n}")
+            if halt() and len(drawn) < n:
+                raise Cancelled(f"stopped with {len(drawn)} of {n} cases drawn; run again to go on")
+    (out / NAIVE).write_text("".join(json.dumps({"case": i, "gap": drawn[i]["gap"]}) + "\n" for i in range(n)))
+    seal([drawn[i]["label"] for i in range(n)], out, seed)
+    (out / DRAWN).unlink()
 
 
 def _drawn(job: tuple[int, int, str, bool]) -> tuple[int, dict[str, Any], dict[str, Any]]:

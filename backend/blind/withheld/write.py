@@ -1,4 +1,4 @@
-"""A case as a study folder: study.json, mechanism.json and a table of tracks for each experiment; no word of the truth."""
+"""A case as a study folder: study.json, mechanism.json and a table of tracks for each experiment, no word of truth."""
 
 from __future__ import annotations
 

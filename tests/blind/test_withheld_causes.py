@@ -1,0 +1,168 @@
+"""What may be amiss: each kind is seen, is nothing at size zero, and is told from its rivals only where that can be."""
+
+import numpy as np
+import pytest
+
+from backend.blind.withheld import case, library, outside
+from backend.blind.withheld.case import reality
+from backend.blind.withheld.causes import KINDS, Rig, cause, places
+from backend.blind.withheld.detectability import Record, Witness, confusion, distance, rivals_of
+from backend.blind.withheld.laws import as_drawn, changed
+from backend.blind.withheld.measurement import Noise, noisy, seen
+from backend.blind.withheld.mechanisms import double_pendulum, pendulum, scissor
+from backend.blind.withheld.motion import move
+
+RECORD = Record(np.arange(60) / 60 - 0.2, np.arange(60) / 60)
+NOISE = Noise(5e-4, 0.3, 0.0, 0.0, True)
+KNOWN = [name for name, k in KINDS.items() if k.build.__module__ == library.__name__]
+UNKNOWN = [name for name, k in KINDS.items() if k.build.__module__ == outside.__name__]
+
+
+def rig_of(linkage, starts):
+    motion = move(linkage, as_drawn(linkage, len(starts)), starts, RECORD.duration_s)
+    q = motion.state[..., : motion.plant.n] @ motion.plant.tree.turned.T
+    return Rig(
+        linkage,
+        np.stack([q.min((0, 1)), q.max((0, 1))], 1),
+        np.stack([q[:, 0].min(0), q[:, 0].max(0)], 1),
+    )
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    """A pendulum and a start on one side, so that a stop on the other is met."""
+    linkage, starts = pendulum(np.random.default_rng(2)), np.array([[0.8]])
+    return rig_of(linkage, starts), starts
+
+
+@pytest.fixture(scope="module")
+def double():
+    """Two bars, for one alone does not feel its mass."""
+    linkage, starts = double_pendulum(np.random.default_rng(2)), np.array([[0.8, 0.6]])
+    return rig_of(linkage, starts), starts
+
+
+@pytest.fixture(scope="module")
+def sprung():
+    linkage, starts = scissor(np.random.default_rng(5)), np.array([[0.2]])
+    return rig_of(linkage, starts), starts
+
+
+def record_of(rig, starts, made, size=1.0, crisp=True):
+    laws = changed(as_drawn(rig.linkage), made.changes if made else (), size)
+    path = move(rig.linkage, laws, starts, RECORD.duration_s, crisp=crisp)
+    return seen(path, laws, rig.linkage.size, *RECORD.rows(1))
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_it_moves_the_record_and_is_nothing_at_size_zero(double, sprung, name):
+    rig, starts = sprung if KINDS[name].at == "spring" else double
+    made = cause(rig, name, places(rig.linkage, KINDS[name].at)[0], KINDS[name].high, np.random.default_rng(1))
+    ideal = record_of(rig, starts, None, crisp=False)
+    # A ten-thousandth of the rig: far above rounding, below what a camera of this check can see.
+    assert np.abs(record_of(rig, starts, made) - ideal).max() > 1e-4 * rig.linkage.size
+    drawn = as_drawn(rig.linkage)
+    for number, value in changed(drawn, made.changes, 0.0).numbers.items():
+        np.testing.assert_array_equal(value, drawn.numbers[number])
+
+
+def test_at_least_six_kinds_are_in_no_library():
+    from backend.mechanism.kinds import effect_kinds
+
+    assert len(UNKNOWN) >= 6
+    assert not set(UNKNOWN) & set(effect_kinds())
+    assert set(KNOWN) <= set(effect_kinds())
+
+
+def test_what_is_absent_is_at_no_distance(swinging):
+    rig, starts = swinging
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    assert distance(witness, record_of(rig, starts, None), []).d2 < 1e-3  # two tolerances of the same integrator
+
+
+def test_twice_the_cause_is_four_times_as_far(swinging):
+    rig, starts = swinging
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    made = cause(rig, "camera_scale", 0, 0.001, None)
+    one, two = (distance(witness, record_of(rig, starts, made, size), []).d2 for size in (1.0, 2.0))
+    assert two / one == pytest.approx(4.0, rel=1e-3)  # the starts' slopes are first order
+
+
+def test_a_turned_camera_is_a_leaning_rig_to_a_pendulum_at_the_origin(swinging):
+    rig, starts = swinging
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    made = cause(rig, "gravity_tilt", 0, 0.02, None)
+    d2 = distance(witness, record_of(rig, starts, made), []).d2
+    assert d2 > 100
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), d2)
+    alike = {rival.kind for rival in far.alike}
+    assert {"gravity_tilt", "camera_rotation"} <= alike
+    assert not alike & {"viscous_friction", "camera_scale", "frame_rate_error"}
+
+
+def test_drag_on_a_hanging_link_is_friction_at_its_hinge(double):
+    rig, starts = double
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    made = cause(rig, "viscous_friction", 0, 0.1, None)
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e5)
+    assert {(r.kind, r.on) for r in far.alike} == {("viscous_friction", ("j1",)), ("linear_drag", ("upper",))}
+
+
+def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(sprung):
+    rig, starts = sprung
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    made = cause(rig, "viscous_friction", 0, 0.1, None)
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e5)
+    alike = {rival.on[0] for rival in far.alike if rival.kind == "viscous_friction"}
+    # Feet turn half as fast, which a quarter of the friction makes up for; only the slot slides another way.
+    assert alike == {pin.id for pin in rig.linkage.pins} - {"slot"}
+
+
+def test_a_rough_spot_is_like_nothing_known(swinging):
+    rig, starts = swinging
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    made = cause(rig, "friction_bump", 0, 0.3, np.random.default_rng(1))
+    far = distance(witness, record_of(rig, starts, made), rivals_of(rig, [made]))
+    assert min(far.remainders) > 100
+
+
+def test_the_camera_follows_the_file_formats_words(swinging):
+    rig, starts = swinging
+    ideal = record_of(rig, starts, None)
+    scaled, turned = (record_of(rig, starts, cause(rig, k, 0, 0.02, None)) for k in ("camera_scale", "camera_rotation"))
+    np.testing.assert_allclose(scaled, 1.02 * ideal, rtol=1e-12)
+    np.testing.assert_allclose(turned, ideal * np.exp(0.02j), rtol=1e-12)
+    # The clock: true time = stated + offset, so what is reported runs ahead.
+    early = record_of(rig, starts, cause(rig, "time_offset", 0, 3 / 60, None))
+    np.testing.assert_allclose(early[:, 12:-3], ideal[:, 15:], atol=1e-9)
+    # A frame rate 2% higher than stated: the frame of stated second t was taken t / 1.02 after the release.
+    laws = as_drawn(rig.linkage)
+    path = move(rig.linkage, laws, starts, RECORD.duration_s)
+    fast = record_of(rig, starts, cause(rig, "frame_rate_error", 0, 0.02, None))
+    np.testing.assert_allclose(fast, path.markers(np.maximum(RECORD.since_release_s / 1.02, 0)[None]), atol=1e-12)
+
+
+def test_the_noise_is_as_stated():
+    clean = np.zeros((4000, 4), complex)
+    errors = noisy(clean, Noise(1e-3, 0.4, 0.0, 0.0, True), np.random.default_rng(0))
+    good = np.isfinite(errors).all(1)
+    x = np.real(errors[good])
+    assert x.std() == pytest.approx(1e-3, rel=0.05)  # 16000 samples, correlated
+    assert np.mean(x[1:] * x[:-1]) / np.mean(x**2) == pytest.approx(0.4, abs=0.05)
+    wild = noisy(clean, Noise(1e-3, 0.0, 0.02, 0.01, True), np.random.default_rng(0))
+    assert np.mean(np.abs(wild) > 5.5e-3) == pytest.approx(0.02, abs=0.004)
+
+
+def test_engines_draw_what_is_amiss_into_their_copy(swinging):
+    pytest.importorskip("mujoco")
+    rig, starts = swinging
+    made = cause(rig, "viscous_friction", 0, 0.05, None)
+    laws = changed(as_drawn(rig.linkage), made.changes)
+    ours, theirs = (reality(rig.linkage, [made], laws, starts, RECORD, engine) for engine in ("own", "mujoco"))
+    assert np.abs(ours - theirs).max() < 1e-6
+
+
+def test_strata_come_in_their_shares():
+    drawn = [case.stratum_of(4, i) for i in range(200)]
+    shares = {name: drawn.count(name) / 200 for name in set(drawn)}
+    assert shares == {"none": 0.20, "single": 0.35, "pair": 0.15, "left_out": 0.15, "never": 0.15}
