@@ -90,13 +90,16 @@ def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarra
 
 
 def _warp(fitted: Fitted, seer: Seer, axes: Sequence[str]) -> Float[np.ndarray, "n terms"]:
-    """Shifts that depend on where in the picture a point is: cubics in its measured place, the same at all times."""
+    """Shifts that depend on where in the picture a point is: cubics in its predicted place, the same at all times."""
     seen = []
-    for p in fitted.probes:
+    for i, p in enumerate(fitted.probes):
+        value = np.nan_to_num(p.predict(fitted.values, fitted.own(i))[0])  # measured places would carry their own noise
         where = {}
         for c, channel in enumerate(p.data.channels):
             rows = np.flatnonzero(p.data.channel == c)
-            where |= {(channel.at, channel.coordinate, t): v for t, v in zip(p.data.time_s[rows], p.data.value[rows], strict=True)}
+            where |= {
+                (channel.at, channel.coordinate, t): v for t, v in zip(p.data.time_s[rows], value[rows], strict=True)
+            }
         keys = [(p.data.channels[c].at, t) for c, t in zip(p.data.channel, p.data.time_s, strict=True)]
         seen.append(np.array([[where.get((at, a, t), np.nan) for a in axes] for at, t in keys]))
     every = np.concatenate(seen)

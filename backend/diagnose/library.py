@@ -125,10 +125,13 @@ def library(
     wanted = kinds[SMOOTH] if family == SMOOTH else (*kinds[SMOOTH], *kinds[family])
     found: list[FreeParameter] = []
     added: dict[str, Effect] = {}
-    for kind in wanted:
+    for kind in reversed(wanted):  # the family's own kinds first: others that cannot stand beside them are left out
         for freedom in _places_of(mechanism, kind):
+            both = added | {e.id: e for e in freedom.added}
+            if family != SMOOTH and kind in kinds[SMOOTH] and not _can_be_built(mechanism, both):
+                continue
             found += [p for p in freedom.parameters if all(p.name != f.name for f in found)]
-            added |= {e.id: e for e in freedom.added}
+            added = both
     loose = free_parameters(mechanism, (), tolerances)
     found += [p for p in loose.parameters if all(p.name != f.name for f in found)]
     added |= {e.id: e for e in loose.added}
@@ -137,7 +140,9 @@ def library(
     wide: list[float | None] = []
     for p in found:
         row = table[p.addresses[0]]
-        sd = None if row.expected is None else max(row.expected, OF_DRAWN * abs(p.start))
+        sd = row.expected
+        if sd is not None and not _out_of_reach(p, sd):
+            sd = max(sd, OF_DRAWN * abs(p.start))
         own = known.get(p.name)
         wide.append(max(sd, KNOWN_ENOUGH * own) if sd is not None and own is not None else sd)
     as_causes = [
@@ -153,6 +158,14 @@ def library(
         family, parameters, tuple(added.values()), tuple(_candidates(mechanism, wanted, as_causes, found)), nuisances,
         neutral,
     )  # fmt: skip
+
+
+def _can_be_built(mechanism: Mechanism, added: dict[str, Effect]) -> bool:
+    try:
+        build(mechanism, tuple(added.values()))
+    except ValueError:
+        return False
+    return True
 
 
 def _out_of_reach(p: FreeParameter, sd: float | None) -> bool:

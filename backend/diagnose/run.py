@@ -129,6 +129,7 @@ class _Inquiry:
             top = leaders[0]
             self.search.look_again(top)
             judged = adequacy(top.fitted, self.search.latent, self.rng)
+            if __import__("os").environ.get("DBG"): print("   JUDGED", top.names, judged, "z", top.log_z, flush=True)
             if found is not None and not self.better(top, best, judged, found):
                 break
             best, found = top, judged
