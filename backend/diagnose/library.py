@@ -49,6 +49,8 @@ class Candidate:
     parameters: tuple[FreeParameter, ...]
     takes: tuple[tuple[int, ...], ...]
     family: str
+    tries: tuple[tuple[float, ...], ...] = ()
+    """For each of its numbers, values worth trying where its slope is nothing; empty for the others."""
     partial: bool = False
     """Whether it frees one number of several that are absent each by itself, as the ends of a joint's travel are."""
 
@@ -151,11 +153,13 @@ def library(
     ]
     loose_pins = {k for k in wanted if issubclass(catalogue()[k], AbstractJointClearance)}
     tight = TIGHT * float(build(mechanism).scale.length_m)
+    rows = [table[p.addresses[0]] for p in found]
+    tries = [tuple(t * row.natural for t in row.declaration.tries) for row in rows]
     neutral = tuple(tight if p.kind in loose_pins and p.name not in known else p.start for p in found)
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
     nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
     return Library(
-        family, parameters, tuple(added.values()), tuple(_candidates(mechanism, wanted, as_causes, found)), nuisances,
+        family, parameters, tuple(added.values()), tuple(_candidates(mechanism, wanted, as_causes, found, tries)), nuisances,
         neutral,
     )  # fmt: skip
 
@@ -197,7 +201,11 @@ def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
 
 
 def _candidates(
-    mechanism: Mechanism, kinds: Sequence[str], parameters: Sequence[FreeParameter], drawn: Sequence[FreeParameter]
+    mechanism: Mechanism,
+    kinds: Sequence[str],
+    parameters: Sequence[FreeParameter],
+    drawn: Sequence[FreeParameter],
+    tries: Sequence[tuple[float, ...]],
 ) -> Iterator[Candidate]:
     for kind in kinds:
         family = family_of(catalogue()[kind])
@@ -210,7 +218,8 @@ def _candidates(
             for each in [[i] for i in far] if len(far) > 1 else [rows]:
                 own = tuple(parameters[i] for i in each)
                 takes = tuple((i,) for i in each)
-                yield Candidate(kind, on, _places(mechanism, on), own, takes, family, len(far) > 1)
+                worth = tuple(tries[i] for i in each)
+                yield Candidate(kind, on, _places(mechanism, on), own, takes, family, worth, len(far) > 1)
         if len(at) < 2 or (family != SMOOTH and family != LOAD):
             continue
         alike: dict[tuple[str, ...], list[tuple[str, ...]]] = {}

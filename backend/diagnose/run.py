@@ -147,6 +147,12 @@ class _Inquiry:
         """Where nothing smooth is enough: stops, play, bending and friction that grows with load, family by family."""
         if self.enough(last) or baseline.fitted.fraction < 1.0:
             return best, last
+        for cause in self.search.tuning(baseline):
+            if self.leaders([cause, best])[0] is cause:
+                self.search.look_again(cause)
+                best, last = cause, adequacy(cause.fitted, self.search.latent, self.rng)
+        if self.enough(last):
+            return best, last
         motion = passed(baseline.fitted)
         for family in families(self.without):
             if family == SMOOTH or self.cancelled():

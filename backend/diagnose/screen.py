@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
@@ -83,6 +84,36 @@ class Screen:
             largest = np.maximum(largest, gain)
             seen = max(seen, self.gain(c))
         return float((1.0 + np.sum(largest >= seen)) / (DRAWS + 1.0))
+
+
+def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
+    """Values to begin with, by name, for numbers whose slope is nothing while the effect is absent: the best of those
+    worth trying, with first-order values of the rest.
+    """
+    fitted, subject = about.fitted, about.subject
+    seer = Seer(subject, fitted.probes, fitted.fraction)
+    rest = [i for i, worth in enumerate(candidate.tries) if not worth]
+    choices = [worth or (p.start,) for worth, p in zip(candidate.tries, candidate.parameters, strict=True)]
+    H = np.linalg.pinv(fitted.information, hermitian=True)
+    best: tuple[float, dict[str, float]] = (0.0, {})
+    for values in product(*choices):
+
+        def one(i: int, values=values) -> np.ndarray:
+            neutral = subject.neutral.copy()
+            for take, value in zip(candidate.takes, values, strict=True):
+                neutral[list(take)] = value
+            probe = subject.fit[i].choose(fitted.choice.ties, neutral)
+            directions = candidate.ties(neutral.size)[:, rest].T
+            return seer.white[i](np.nan_to_num(probe.slopes(fitted.values, fitted.own(i), directions)))
+
+        S = np.concatenate(subject.over(one, range(len(fitted.probes))))
+        S = S - fitted.J @ (H @ (fitted.J.T @ S))
+        b, sd = S.T @ about.r, candidate.prior_sd[rest]
+        step = np.linalg.solve(S.T @ S + np.diag(sd**-2.0), b)
+        if (gain := float(b @ step)) > best[0]:
+            found = dict(zip((p.name for p in candidate.parameters), values, strict=True))
+            best = gain, found | {candidate.parameters[i].name: float(d) for i, d in zip(rest, step, strict=True)}
+    return best[1]
 
 
 def screen(subject: Subject, fitted: Fitted) -> Screen:

@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, start_of
 from backend.diagnose.latent import SIZES, Latent, evidence, left_over, responses
 from backend.diagnose.library import Candidate
-from backend.diagnose.screen import Screen, screen
+from backend.diagnose.screen import Screen, screen, tuned
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
 
@@ -109,7 +109,7 @@ class Search:
         made: list[Cause] = []
         for parent in parents:
             about = self.screen(parent)
-            free = [c for c in self.subject.library.candidates if _new(c, parent)]
+            free = [c for c in self.subject.library.candidates if _new(c, parent) and not any(c.tries)]
             promising = about.ranking(free)[:refits]
             fits: list[Fitted] = []
             for candidate, gain in promising:
@@ -138,6 +138,19 @@ class Search:
             best = min(f.miss for f in grown)
             fits = [f for f in grown if f.miss < max(REACH, BEHIND * best)]
         return fits
+
+    def tuning(self, baseline: Cause) -> list[Cause]:
+        """Candidates with numbers that no slope leads to: the best of some values, then fitted."""
+        made = []
+        for candidate in self.subject.library.candidates:
+            if any(candidate.tries) and (candidate.name,) not in self.tried and not self.cancelled():
+                self.tell(f"trying {candidate.name}")
+                if values := tuned(self.screen(baseline), candidate):
+                    choice = self.subject.choose(candidate)
+                    start = start_of(self.subject, choice, values)
+                    start[len(choice.parameters) :] = baseline.fitted.x[baseline.fitted.count :]
+                    made.append(self._keep(fit(self.subject, choice, start=start)))
+        return made
 
     def switching(self, baseline: Cause, family: str, motion: dict[str, np.ndarray]) -> list[Cause]:
         """Candidates that are nothing while small: tried at some sizes, the best fitted over growing records."""

@@ -18,8 +18,13 @@ class BaseMotion(AbstractBaseMotion):
     kind = "base_motion"
     acts_on = "world"
     amplitude_m: Float[Array, "3"] = parameter("m", "of the base's displacement, in W", size=3, expected=0.01)
-    frequency_hz: Float[Array, ""] = parameter("Hz", "of the shaking", default=1.0, lower=0.0, by_name=True)
-    phase_rad: Float[Array, ""] = parameter("rad", "at the stated release", by_name=True)
+    frequency_hz: Float[Array, ""] = parameter(
+        "Hz", "of the shaking", default=1.0, lower=0.0, by_name=True, expected=0.5,
+        tries=(0.08, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4),
+    )  # fmt: skip
+    phase_rad: Float[Array, ""] = parameter(
+        "rad", "at the stated release", by_name=True, expected=3.0, tries=(0.0, 0.8, 1.6, 2.4)
+    )
 
     def displacement(self, time_s):
         """A sine."""

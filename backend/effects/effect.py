@@ -39,6 +39,8 @@ class Declaration:
     expected: float | None = None
     """Standard deviation of its value before any data, in natural sizes (`natural` of its row in a model).  None: not
     a cause that a diagnosis frees."""
+    tries: tuple[float, ...] = ()
+    """Values worth trying, in natural sizes, where nothing says which way to go while the effect is absent."""
 
 
 @dataclasses.dataclass(frozen=True)
