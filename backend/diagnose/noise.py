@@ -108,13 +108,13 @@ def _name(data: Measured, channel: int) -> str:
 
 
 def _memory(series: Sequence[np.ndarray]) -> float:
-    """AR(1) coefficient of short series; each is too small by (1 + 4 a) / n (Marriott and Pope 1954)."""
+    """AR(1) coefficient of short series; each is too small by (1 + 3 a) / n (Marriott and Pope 1954)."""
     power = sum(float(s @ s) for s in series)
     if power == 0.0:
         return 0.0
     a = sum(float(s[1:] @ s[:-1]) * s.size / (s.size - 1) for s in series) / power
     n = float(np.mean([s.size for s in series]))
-    a = (a + 1.0 / n) / (1.0 - 4.0 / n)
+    a = (a + 1.0 / n) / (1.0 - 3.0 / n)
     sd = 1.0 / np.sqrt(sum(s.size for s in series))
     return float(np.clip(a, 0.0, 0.97)) if abs(a) > 2.0 * sd else 0.0
 

@@ -27,6 +27,10 @@ from backend.mechanism.study import Study
 
 ALPHA = 0.01
 DEEPEST = 4  # effects in one explanation
+IN_THE_PICTURE = 0.99  # probability of the camera beyond which no effect that switches on is tried
+LOUD = 0.25  # noise variances a sample: what must be left for a third effect to be sought
+BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
+WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
 WORTH = 5.0  # log evidence that another effect must bring
 SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
@@ -109,7 +113,7 @@ class _Inquiry:
         if p > ALPHA and baseline.fitted.fraction == 1.0:
             return self.report("none", baseline, baseline, None, about, latent, at_base, p, model_free, first, first)
         singles = self.search.level([baseline], REFITS)
-        best, last = self.climb(baseline, singles)
+        best, last = self.climb(baseline, singles, at_base)
         best, last = self.switching(baseline, best, last)
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first)
 
@@ -118,7 +122,7 @@ class _Inquiry:
         directed = about.rescaled(self.scale).p_value(self.subject.library.candidates, self.rng)
         return min(1.0, 2.0 * min(at_base.p, directed))
 
-    def climb(self, baseline: Cause, singles: list[Cause]) -> tuple[Cause, Adequacy]:
+    def climb(self, baseline: Cause, singles: list[Cause], at_base: Adequacy) -> tuple[Cause, Adequacy]:
         """Add effects as long as what is left is large enough to be worth one, and one takes a good part of it."""
         best, level = baseline, singles
         found: Adequacy | None = None
@@ -129,14 +133,13 @@ class _Inquiry:
             top = leaders[0]
             self.search.look_again(top)
             judged = adequacy(top.fitted, self.search.latent, self.rng)
-            if __import__("os").environ.get("DBG"): print("   JUDGED", top.names, judged, "z", top.log_z, flush=True)
+            self.tell(f"{' + '.join(top.names)} leaves {judged.excess:.3g} of the noise's power, p {judged.p:.2g}")
             if found is not None and not self.better(top, best, judged, found):
                 break
             best, found = top, judged
             if top.fitted.fraction == 1.0:
                 self.scale = max(1.0, min(judged.noise, 1.5))
-            small = max(judged.excess, 0.0) < (0.25 if top.fitted.fraction == 1.0 else 0.0)
-            if self.enough(judged) or depth == DEEPEST or self.cancelled() or (depth >= SURE and small):
+            if self.enough(judged) or depth == DEEPEST or self.cancelled() or self.little(top, judged, at_base, depth):
                 break
             level = self.search.level(leaders[:LEADERS], PARTNERS)
         if found is None:
@@ -153,6 +156,9 @@ class _Inquiry:
                 best, last = cause, adequacy(cause.fitted, self.search.latent, self.rng)
         if self.enough(last):
             return best, last
+        places = shares(place_evidence(best.fitted, self.search.latent, self.scale))
+        if places.get("camera", 0.0) > IN_THE_PICTURE or last.excess * best.fitted.r.size < WORTH_A_TRY:
+            return best, last  # what is left does not lie in the mechanism, or is too little to bear another effect
         motion = passed(baseline.fitted)
         for family in families(self.without):
             if family == SMOOTH or self.cancelled():
@@ -180,6 +186,15 @@ class _Inquiry:
                         self.search.tried[cause.names] = cause
                         best, last = cause, judged
         return best, last
+
+    def little(self, top: Cause, judged: Adequacy, at_base: Adequacy, depth: int) -> bool:
+        """Too little is left to bear one more effect: it would be a wrong form's remainder that gets a name."""
+        left = max(judged.excess, 0.0)
+        if top.fitted.fraction < 1.0:
+            return False
+        if depth < SURE:
+            return left < SMALL**2 * at_base.excess and left * top.fitted.r.size < BARE
+        return left < LOUD
 
     def leaders(self, level: Sequence[Cause]) -> list[Cause]:
         """Most probable first, among those that follow the longest part of the records."""

@@ -16,8 +16,8 @@ from backend.diagnose.subject import Subject
 from backend.effects.catalogue import catalogue
 from backend.effects.shapes import AbstractJointStop
 
-SHARES = (0.15, 0.35, 0.55, 0.75, 0.9)  # of the way from the starts to the end of what a joint passes
-FACTORS = (0.3, 1.0, 3.0)  # of the expected size
+SHARES = (0.25, 0.55, 0.85)  # of the way from the starts to the end of what a joint passes
+FACTORS = (0.3, 1.5)  # of the expected size
 
 
 def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarray]) -> Iterator[dict[str, float]]:

@@ -18,6 +18,7 @@ from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen, screen, tuned
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
+from backend.mechanism.effect import kind_named
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
@@ -125,7 +126,7 @@ class Search:
                 start = start_of(self.subject, choice, known)
                 start[len(choice.parameters) :] = parent.fitted.x[parent.fitted.count :]
                 fits.append(fit(self.subject, choice, start=start, fractions=(parent.fitted.fraction,)))
-            made += [self._keep(f) for f in self._stretch(fits)]
+            made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
         return sorted(made, key=lambda c: -c.any_size)
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
@@ -205,6 +206,18 @@ class Search:
 
 def _both_sides(choice: Choice) -> Choice:
     return replace(choice, parameters=tuple(replace(p, lower=-np.inf) for p in choice.parameters))
+
+
+def _in_order(fitted: Fitted) -> bool:
+    """Whether numbers that must not be less than others are not: friction at rest and while sliding."""
+    values, at = fitted.values, 0
+    for c in fitted.choice.candidates:
+        own = dict(zip((p.parameter for p in c.parameters), values[at : at + len(c.parameters)], strict=True))
+        at += len(c.parameters)
+        for name, spec in kind_named(c.kind).parameters.items():
+            if spec.at_least in own and name in own and own[name] < own[spec.at_least]:
+                return False
+    return True
 
 
 def _new(candidate: Candidate, parent: Cause) -> bool:

@@ -1,0 +1,132 @@
+"""Diagnoses of a filmed bar whose reality is SciPy's integrator, with causes that the drawing lacks."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+
+from backend.mechanism.read import parse_mechanism
+from backend.mechanism.study import Experiment, Release, Study
+
+LENGTH, MASS, GRAVITY, INERTIA, SIGMA = 0.2, 0.5, 9.81, 2e-3, 5e-4
+RATE, STILL = 60.0, 20
+HINGE = {"position_m": [0, 0, 0], "quaternion_wxyz": [0.7071067811865476, 0.7071067811865476, 0, 0]}
+RUB = 0.02  # N m, 2% of m g L
+
+
+@pytest.fixture(scope="module")
+def drawing():
+    """A bar that hangs along -z and turns about -y."""
+    pose = {"position_m": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}
+    inertia = {"xx": INERTIA, "yy": INERTIA, "zz": INERTIA, "xy": 0, "xz": 0, "yz": 0}
+    return parse_mechanism(
+        {
+            "schema_version": "1.0", "name": "bar", "gravity_m_per_s2": [0, 0, -GRAVITY],
+            "provenance": {"tool": "t", "tool_version": "1", "exporter": "e", "exporter_version": "1",
+                           "created": "2026-01-01T00:00:00Z", "warnings": []},
+            "bodies": [
+                {"id": "ground", "fixed": True, "pose": pose},
+                {"id": "bar", "pose": pose,
+                 "inertial": {"mass_kg": MASS, "center_of_mass_m": [0, 0, -LENGTH], "inertia_kg_m2": inertia}},
+            ],
+            "joints": [{"id": "j1", "type": "revolute", "body_a": "ground", "body_b": "bar",
+                        "frame_a": HINGE, "frame_b": HINGE}],
+            "effects": [],
+            "markers": [{"id": "tip", "body": "bar", "position_m": [0, 0, -0.3]},
+                        {"id": "mid", "body": "bar", "position_m": [0.03, 0, -0.1]}],
+        }
+    )  # fmt: skip
+
+
+def study(drawing, seed, torque=None, places=lambda p: p):
+    """Four releases to fit and two held out. torque(t, q, rate): what the drawing lacks. places: what the camera does."""
+    rng = np.random.default_rng(seed)
+    since = (np.arange(STILL + 84) - STILL + 0.5) / RATE
+    experiments = []
+    for i, angle in enumerate((0.9, -0.5, 1.4, 0.3, -1.1, 0.7)):
+
+        def slope(t, y):
+            extra = torque(t, *y) if torque else 0.0
+            return [y[1], (-MASS * GRAVITY * LENGTH * np.sin(y[0]) + extra) / (MASS * LENGTH**2 + INERTIA)]
+
+        moving = since[since > 0]
+        found = solve_ivp(slope, (0, moving[-1]), [angle, 0.0], t_eval=moving, rtol=1e-9, atol=1e-11, max_step=2e-3)
+        q = np.concatenate([np.full(STILL, angle), found.y[0]])
+        tables = []
+        for m in drawing.markers:
+            x0, _, z0 = m.position_m
+            p = places(np.stack([np.cos(q) * x0 - np.sin(q) * z0, np.sin(q) * x0 + np.cos(q) * z0], 1))
+            p = p + SIGMA * rng.standard_normal(p.shape)
+            tables.append(
+                pd.DataFrame({"time_s": since + STILL / RATE, "marker": m.id, "x_m": p[:, 0], "y_m": np.nan,
+                              "z_m": p[:, 1], "sigma_m": np.nan})
+            )  # fmt: skip
+        release = Release(time_s=STILL / RATE)
+        use = "fit" if i < 4 else "held_out"
+        experiments.append(Experiment(f"e{i}", use, release, tracks=pd.concat(tables, ignore_index=True)))
+    return Study(drawing, tuple(experiments))
+
+
+def rubbing(t, q, rate):
+    """Bristles that give by a milliradian before they slide: Coulomb friction of another form than ours."""
+    return -RUB * np.tanh(rate / 0.01)
+
+
+@pytest.fixture(scope="module")
+def rubbed(drawing):
+    from backend.diagnose.run import diagnose_study
+
+    return diagnose_study(study(drawing, 1, rubbing)).report
+
+
+def test_dry_friction_is_named_at_its_joint_with_its_size(rubbed):
+    assert rubbed.verdict in ("identified", "ambiguous")
+    (first,) = rubbed.causes[0].effects
+    assert first.kind in ("coulomb_friction", "stribeck_friction")
+    assert rubbed.where.locations[0].at == "joint:j1"
+    found = [e for c in rubbed.causes for e in c.effects if len(c.effects) == 1 and e.kind == "coulomb_friction"]
+    amount = found[0].parameters["friction_torque_n_m"]
+    assert abs(amount.value - RUB) < 4 * amount.sd + 0.02 * RUB  # the other form is worth 2%
+
+
+def test_probabilities_of_all_explanations_sum_to_one(rubbed):
+    total = sum(c.probability for c in rubbed.causes) + rubbed.probability_none + rubbed.probability_unknown
+    assert total == pytest.approx(1.0, abs=1e-9)
+    assert sum(at.probability for at in rubbed.where.locations) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_gap_shrinks_to_the_noise_where_nothing_was_fitted(rubbed):
+    held = rubbed.shrink.held_out
+    assert held.explained_fraction > 0.95
+    assert held.after_rms_m < 1.3 * held.noise_rms_m
+
+
+def test_a_drawing_that_is_right_has_no_gap(drawing):
+    from backend.diagnose.run import diagnose_study
+
+    found = diagnose_study(study(drawing, 2)).report
+    assert found.verdict == "none"
+    assert found.probability_none > 0.5
+    smallest = {d.kind: d.minimum for d in found.detectable if d.kind == "coulomb_friction"}
+    assert smallest["coulomb_friction"] < RUB  # it would have been seen
+
+
+def test_a_camera_that_enlarges_is_told_from_a_long_bar(drawing):
+    from backend.diagnose.run import diagnose_study
+
+    found = diagnose_study(study(drawing, 3, places=lambda p: 1.02 * p)).report
+    assert found.where.locations[0].at == "camera"
+    assert found.causes[0].effects[0].kind == "camera_scale"
+    assert found.causes[0].effects[0].parameters["relative"].value == pytest.approx(0.02, abs=2e-3)
+
+
+def test_a_blow_that_no_effect_of_the_library_gives_is_unknown_and_lies_at_the_joint(drawing):
+    from backend.diagnose.run import diagnose_study
+
+    def blow(t, q, rate):
+        return 0.8 * np.exp(-0.5 * ((q - 0.2) / 0.06) ** 2) * np.sign(q)
+
+    found = diagnose_study(study(drawing, 4, blow)).report
+    assert found.verdict == "unknown"
+    assert found.probability_unknown >= 0.9
+    assert found.where.model_free[0].at == "joint:j1"

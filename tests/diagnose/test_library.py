@@ -1,0 +1,43 @@
+"""The library of causes: whatever the effects' files declare, at every place, and nothing that was left out."""
+
+import pytest
+
+from backend.diagnose.library import LOAD, SMOOTH, families, library
+from backend.effects.catalogue import catalogue
+from backend.mechanism.study import Tolerance
+from tests.mechanisms import fourbar
+
+EXPECTED = [k for k, e in catalogue().items() if any(d.expected is not None for d in e.declarations().values())]
+
+
+def test_every_effect_that_says_how_large_it_may_be_is_a_cause_at_once():
+    kinds = {k for family in families().values() for k in family}
+    assert kinds == set(EXPECTED) - {"gravity", "link_contact"}
+
+
+@pytest.mark.parametrize("kind", ["coulomb_friction", "camera_scale"])
+def test_an_effect_left_out_is_no_candidate_anywhere(kind):
+    found = library(fourbar(), SMOOTH, without=frozenset({kind}))
+    assert all(c.kind != kind for c in found.candidates)
+    assert any(c.kind == kind for c in library(fourbar(), SMOOTH).candidates)
+
+
+def test_a_cause_stands_at_each_place_and_at_all_of_them_together():
+    found = {c.name for c in library(fourbar(), SMOOTH).candidates}
+    joints = [j.id for j in fourbar().joints]
+    assert {f"viscous_friction:{j}" for j in joints} | {"viscous_friction:all"} <= found
+
+
+def test_causes_that_change_the_structure_stand_apart():
+    assert {"clearance", "joint_stop", "link_flexibility", LOAD} <= set(families())
+    stops = [c for c in library(fourbar(), "joint_stop").candidates if c.kind == "joint_stop"]
+    assert len(stops) == 2 * len(fourbar().joints)  # each end by itself
+
+
+def test_what_a_drawing_leaves_loose_is_a_finding_only_well_beyond_it():
+    loose = Tolerance(kind="length_error", on="all", sd=0.02)
+    found = library(fourbar(), SMOOTH, [loose])
+    assert found.nuisances
+    causes = [c for c in found.candidates if c.kind == "length_error"]
+    assert causes
+    assert all(c.prior_sd.min() >= 0.06 for c in causes)

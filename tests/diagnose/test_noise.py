@@ -1,0 +1,65 @@
+"""What of a record is noise, read from records whose noise is known."""
+
+import numpy as np
+import pytest
+
+from backend.diagnose.noise import estimate, good_samples
+from backend.fit.measured import Channel, Measured
+
+
+def record(rng, sigma=1e-3, memory=0.0, wrong=(), still=40, moving=200, channels=2):
+    """A marker that stands still and then swings; AR(1) noise; `wrong` frames are thrown by ten sigmas."""
+    times = np.arange(still + moving) / 100.0
+    value, of = [], []
+    for c in range(channels):
+        e = rng.standard_normal(times.size)
+        for i in range(1, times.size):
+            e[i] = memory * e[i - 1] + np.sqrt(1 - memory**2) * e[i]
+        e[list(wrong)] += 10.0
+        since = np.maximum(times - still / 100.0, 0.0)
+        value.append(0.1 * np.cos(7.0 * since + c) + sigma * e)
+        of.append(np.full(times.size, c))
+    names = tuple(Channel("marker:m", axis, 3 * c, "m", "static") for c, axis in zip(range(channels), ("x_m", "z_m")))
+    return Measured(
+        np.tile(times, channels), np.concatenate(value), np.full(times.size * channels, sigma), np.concatenate(of),
+        names, still / 100.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.4])
+def test_static_frames_tell_the_size_of_the_noise_and_its_memory(memory):
+    rng = np.random.default_rng(1)
+    noise = estimate([record(rng, memory=memory) for _ in range(6)])
+    # 480 samples: sd to 3% (5% with memory), memory to 0.05; three of each.
+    assert noise.sigma[0][0] == pytest.approx(1e-3, rel=0.15)
+    assert noise.memory["marker"] == pytest.approx(memory, abs=0.15)
+
+
+def test_whitened_noise_is_independent_and_of_unit_size():
+    rng = np.random.default_rng(2)
+    data = [record(rng, memory=0.5) for _ in range(6)]
+    noise = estimate(data)
+    sizes, neighbours = [], []
+    for i, d in enumerate(data):
+        white = noise.whitening(d, i)
+        since = np.maximum(d.time_s - d.release_s, 0.0)
+        clean = 0.1 * np.cos(7.0 * since + d.channel)
+        e = white(d.value) - white(clean)
+        sizes.append(np.std(e))
+        neighbours.append(np.mean(e[1:] * e[:-1]))
+    assert np.mean(sizes) == pytest.approx(1.0, abs=0.15)  # thirty such estimates scatter by 0.05
+    assert abs(np.mean(neighbours)) < 0.2  # and by 0.06
+
+
+def test_thrown_samples_are_found_and_good_ones_are_kept():
+    rng = np.random.default_rng(3)
+    thrown = (12, 77, 150, 151, 200)
+    data = record(rng, wrong=thrown)
+    bad = {int(round(100 * t)) for t in data.time_s[~good_samples(data)]}
+    assert set(thrown) - {150, 151} <= bad  # two in a row may hide each other
+    assert len(bad - set(thrown)) <= 3
+
+
+def test_a_motion_without_wrong_samples_loses_none():
+    rng = np.random.default_rng(4)
+    assert np.mean(~good_samples(record(rng))) < 0.01  # 3e-5 a sample are expected
