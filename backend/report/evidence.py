@@ -130,7 +130,8 @@ class GapEvidence:
     """A diagnosis and what its pictures are drawn from.
 
     pose: one instant, at the release of the first fitted experiment. missing: at joint `missing_at`, in `missing_unit`,
-    one an experiment. channels: of one experiment, after: with the best cause.
+    one an experiment. channels: of one experiment, after: with the best cause; set_aside: how many of its samples were
+    found to be wrong and are left out.
     """
 
     mechanism: Mechanism
@@ -140,6 +141,7 @@ class GapEvidence:
     missing_at: str = ""
     missing_unit: str = "N m"
     channels: tuple[Channel, ...] = ()
+    set_aside: int = 0
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from backend.report.svg import element
 WIDTH, SHORTEST, TALLEST, MARGIN = 520, 200, 440, 44
 TELLING = 0.05  # probability from which a place is named in the picture
 MOST_LABELS = 5
+LETTER, LINE = 7.4, 16.0  # px
 
 
 def gap_figure(mechanism: Mechanism, pose: Motion, probability: Mapping[str, float]) -> Markup:
@@ -28,11 +29,11 @@ def gap_figure(mechanism: Mechanism, pose: Motion, probability: Mapping[str, flo
     placed = skeleton.placed(pose)
     view = best_view(placed)
     seen = {body: view.seen(p[0]) for body, p in placed.items()}
-    joints = {
-        j.id: view.seen(point_at(drawn, pose, j.body_b, np.array(j.frame_b.position_m), 0)) for j in drawn.joints
-    }
+    joints = {j.id: view.seen(point_at(drawn, pose, j.body_b, np.array(j.frame_b.position_m), 0)) for j in drawn.joints}
     markers = {m.id: view.seen(point_at(drawn, pose, m.body, np.array(m.position_m), 0)) for m in drawn.markers}
-    cloud = np.concatenate([*seen.values(), view.seen(skeleton.held), *(p[None] for p in (*joints.values(), *markers.values()))])
+    cloud = np.concatenate(
+        [*seen.values(), view.seen(skeleton.held), *(p[None] for p in (*joints.values(), *markers.values()))]
+    )
     low, size = cloud.min(0), np.maximum(np.ptp(cloud, axis=0), 1e-6)
     scale = min((WIDTH - 2 * MARGIN) / size[0], (TALLEST - 2 * MARGIN) / size[1])
     height = float(np.clip(size[1] * scale + 2 * MARGIN, SHORTEST, TALLEST))
@@ -48,7 +49,7 @@ def gap_figure(mechanism: Mechanism, pose: Motion, probability: Mapping[str, flo
     for body, p in seen.items():
         parts.append(body_path(px(p), "body"))
         if strength := suspect(f"body:{body}"):
-            parts.append(body_path(px(p), "body suspect", stroke_opacity=f"{strength:.2f}"))
+            parts.append(body_path(px(p), "body suspect", style=f"stroke-opacity:{strength:.2f}"))
     for id, p in joints.items():
         parts += _spot(px(p), "joint", suspect(f"joint:{id}"))
     for id, p in markers.items():
@@ -56,7 +57,11 @@ def gap_figure(mechanism: Mechanism, pose: Motion, probability: Mapping[str, flo
     at = {f"body:{b}": p.mean(0) for b, p in seen.items()}
     at |= {f"joint:{j}": p for j, p in joints.items()} | {f"marker:{m}": p for m, p in markers.items()}
     named = [place for place in probability if place in at and probability[place] >= TELLING][:MOST_LABELS]
-    parts += [_label(px(at[place]), f"{place_name(place)}: {percent(probability[place])}") for place in named]
+    parts += _labels([(px(at[place]), f"{place_name(place)}: {percent(probability[place])}") for place in named])
+    outside = [p for p in ("camera", "world") if probability.get(p, 0.0) >= TELLING]
+    for k, place in enumerate(outside):
+        words = f"not in the mechanism but in {place_name(place)}: {percent(probability[place])}"
+        parts.append(element("text", words, x=6, y=height - 8 - LINE * (len(outside) - 1 - k), class_="cause"))
     title = "Where in the mechanism"
     svg = element("svg", *parts, viewBox=f"0 0 {WIDTH} {height:.0f}", role="img", aria_label=title)
     legend = element("span", *_legend(bool(markers)), class_="legend")
@@ -72,20 +77,36 @@ def _spot(at: np.ndarray, look: str, strength: float | None) -> Iterator[Markup]
     if look == "joint":
         yield element("circle", cx=x, cy=y, r=4.5)
         if full:
-            yield element("circle", cx=x, cy=y, r=4.5, class_="suspect", fill_opacity=full)
+            yield element("circle", cx=x, cy=y, r=4.5, class_="suspect", style=f"fill-opacity:{full}")
     else:
         yield element("rect", x=x - 3.5, y=y - 3.5, width=7, height=7, class_="marker")
         if full:
-            yield element("rect", x=x - 3.5, y=y - 3.5, width=7, height=7, class_="suspect", fill_opacity=full)
+            yield element(
+                "rect", x=x - 3.5, y=y - 3.5, width=7, height=7, class_="suspect", style=f"fill-opacity:{full}"
+            )
     if full:
-        yield element("circle", cx=x, cy=y, r=11, class_="ring", stroke_opacity=full)
+        yield element("circle", cx=x, cy=y, r=11, class_="ring", style=f"stroke-opacity:{full}")
 
 
-def _label(at: np.ndarray, text: str) -> Markup:
-    """Beside the place, on the side where there is room."""
-    x, y = (float(v) for v in at)
-    left = x > 0.6 * WIDTH
-    return element("text", text, x=x + (-14 if left else 14), y=y - 9, text_anchor="end" if left else "start", class_="cause")
+def _labels(told: list[tuple[np.ndarray, str]]) -> Iterator[Markup]:
+    """Beside their places, on the side where there is room; one below the other where they would overlap."""
+    taken: list[tuple[float, float, float]] = []
+    for (x, y), text in sorted(told, key=lambda label: label[0][1]):
+        left, width = x > 0.6 * WIDTH, LETTER * len(text)
+        start = float(x - 14 - width if left else x + 14)
+        line = float(y - 9)
+        for begin, end, other in taken:
+            if start < end and begin < start + width and line < other + LINE:
+                line = other + LINE
+        taken.append((start, start + width, line))
+        yield element(
+            "text",
+            text,
+            x=start + (width if left else 0),
+            y=line,
+            text_anchor="end" if left else "start",
+            class_="cause",
+        )
 
 
 def _legend(markers: bool) -> Iterator[Markup]:

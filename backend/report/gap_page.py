@@ -16,7 +16,7 @@ from backend.report.gap_bars import shrink_bars
 from backend.report.gap_figure import gap_figure
 from backend.report.gap_words import (
     MEANING,
-    amount,
+    amounts,
     cause_name,
     effect_name,
     least,
@@ -30,6 +30,8 @@ from backend.report.quantity import at_the_bench, prefixed, shown
 
 MOST_CAUSES, MOST_PLACES, MOST_FORCES, MOST_CHANNELS = 8, 8, 6, 3
 LEAST = 0.005  # a probability below it is no more than a name in gap.json
+DOUBTFUL = 0.2  # a joint less probable than that is not where the gap is
+KEPT = "\u00a0"  # a space at which no line ends
 DRAWN, CORRECTED = "drawing as it is", "with the best cause"
 
 
@@ -51,11 +53,13 @@ def write_gap_page(evidence: GapEvidence, path: str | Path) -> Path:
         picture=gap_figure(evidence.mechanism, evidence.pose, {p.at: p.probability for p in report.where.locations}),
         places=[Bar(place_name(p.at), p.probability) for p in places],
         forces=_forces(evidence),
-        force_kind="force" if evidence.missing_unit == "N" else "torque",
+        force_kind=force_kind(evidence),
         force_at=evidence.missing_at,
+        force_trust=_model_free(evidence),
         causes=list(_causes(report)),
         others=sum(c.probability < LEAST for c in report.causes),
         experiment=channels[0].experiment if channels else "",
+        set_aside=evidence.set_aside,
         held_out=bool(channels) and channels[0].use == "held_out",
         motion=[chart for channel in channels for chart in (_overlaid(channel, report), _left(channel, report))],
         shrink=_shrink(report),
@@ -76,7 +80,7 @@ class Bar:
     @property
     def percent(self) -> str:
         """In words."""
-        return percent(self.probability)
+        return percent(self.probability).replace(" ", KEPT)
 
     @property
     def width(self) -> str:
@@ -86,7 +90,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class Explanation(Bar):
-    """A cause with its amounts and its aliases. amounts: (what, how much)."""
+    """A cause with its amounts and its aliases. amounts: (effect, unless it is the only one; how much)."""
 
     amounts: Sequence[tuple[str, str]] = ()
     alike: Sequence[str] = ()
@@ -105,13 +109,13 @@ def _causes(report: GapReport) -> Iterator[Explanation]:
 
 def _explained(cause: CauseSet) -> Explanation:
     several = len(cause.effects) > 1
-    amounts = [
-        (f"{effect_name(e)}, {parameter_name(name)}" if several else parameter_name(name), amount(a))
+    told = [
+        (effect_name(e) if several else "", amounts(e).replace(" ", KEPT).replace(f",{KEPT}", ", "))
         for e in cause.effects
-        for name, a in e.parameters.items()
+        if e.parameters
     ]
     alike = [f"{kind.replace('_', ' ')} at {at}" for kind, at in cause.indistinguishable_from]
-    return Explanation(cause_name(cause), cause.probability, amounts, alike)
+    return Explanation(cause_name(cause), cause.probability, told, alike)
 
 
 def _key_figures(report: GapReport) -> list[tuple[str, str]]:
@@ -140,11 +144,11 @@ def _forces(evidence: GapEvidence) -> list[Chart]:
     low = min(float(np.min(m.mean - 2 * m.sd)) for m in shown_)
     high = max(float(np.max(m.mean + 2 * m.sd)) for m in shown_)
     unit, factor = prefixed(max(abs(low), abs(high)), evidence.missing_unit)
-    kind = "force" if evidence.missing_unit == "N" else "torque"
+    kind = force_kind(evidence)
     place = f"joint:{evidence.missing_at}"
     return [
         Chart(
-            m.experiment,
+            f"{m.experiment}: {kind} missing at {evidence.missing_at}",
             "time after release [s]",
             f"missing {kind} [{unit}]",
             [Series("most probable", m.time_s, factor * m.mean, "after")],
@@ -158,6 +162,23 @@ def _forces(evidence: GapEvidence) -> list[Chart]:
         )
         for m in shown_
     ]
+
+
+def _model_free(evidence: GapEvidence) -> str:
+    """How probably the gap lies at that joint, whatever the library says."""
+    shares = {p.at: p.probability for p in evidence.report.where.model_free}
+    share = shares.get(f"joint:{evidence.missing_at}")
+    if share is None:
+        return ""
+    said = f"Judged without the library, by unknown forces and shifts alone, the gap lies here with {percent(share).replace(' ', KEPT)}"
+    if share < DOUBTFUL:
+        return f"{said}: the curves say how large a {force_kind(evidence)} would have to be, not that there is one."
+    return f"{said}."
+
+
+def force_kind(evidence: GapEvidence) -> str:
+    """What can be missing along a joint's own axis or about it."""
+    return "force" if evidence.missing_unit == "N" else "torque"
 
 
 def _overlaid(channel: Channel, report: GapReport) -> Chart:
@@ -194,15 +215,20 @@ def _as_drawn(channel: Channel) -> Channel:
 
 def _shrink(report: GapReport) -> list:
     bars, held = [], report.shrink.held_out
+    corrected = report.verdict != "none"
     if held is not None:
         note = "No gap to explain on these experiments beyond their noise."
         if held.explained_fraction is not None:
             low, high = held.explained_fraction_ci95 or (None, None)
-            span = "" if low is None or high is None else f" (95%: {shown(100 * low)} to {shown(100 * high)}%)"
+            span = (
+                "" if low is None or high is None else f" (95%: {shown(100 * min(low, high))} to {shown(100 * high)}%)"
+            )
             note = f"The best cause explains {shown(100 * held.explained_fraction)}% of the gap's power{span}."
-        bars.append(shrink_bars(held, report.shrink.unit, "Held-out experiments: never fitted, rms error", note))
+        bars.append(
+            shrink_bars(held, report.shrink.unit, corrected, "Held-out experiments: never fitted, rms error", note)
+        )
     if report.shrink.fit is not None:
-        bars.append(shrink_bars(report.shrink.fit, report.shrink.unit, "Fitted experiments, rms error"))
+        bars.append(shrink_bars(report.shrink.fit, report.shrink.unit, corrected, "Fitted experiments, rms error"))
     return bars
 
 
@@ -223,4 +249,5 @@ def _detectable(found: Sequence[Detectable]) -> Iterator[Reach]:
         ranked = sorted(each, key=lambda d: d.minimum)
         told = [f"{least(d)} at {d.on if isinstance(d.on, str) else d.on[0]}" for d in (ranked[0], ranked[-1])]
         worst = told[1] if len(ranked) > 1 else ""
-        yield Reach(f"{kind.replace('_', ' ')}, {parameter_name(parameter)}", told[0], worst)
+        named_ = f"{kind.replace('_', ' ')}, {parameter_name(parameter)}".removesuffix(", ")
+        yield Reach(named_, told[0], worst)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study
 from backend.report.evidence import Channel, GapEvidence, Missing, Motion
-from backend.report.gap_words import amount, cause_name, percent, place_name, worst_first
+from backend.report.gap_words import amounts, cause_name, percent, place_name, worst_first
 from backend.report.quantity import at_the_bench, shown
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 def gap_evidence(study: Study, found: Diagnosis) -> GapEvidence:
     """A finished diagnosis as its page wants it: the missing force, and the experiment that is explained worst."""
     missing = found.missing
-    every = _held_out(found) or _fitted(found)
+    channels = worst_first(_held_out(found) or _fitted(found))
     return GapEvidence(
         mechanism=study.mechanism,
         report=found.report,
@@ -30,7 +29,8 @@ def gap_evidence(study: Study, found: Diagnosis) -> GapEvidence:
         missing=() if missing is None else tuple(Missing(e, *series) for e, series in missing.series.items()),
         missing_at="" if missing is None else missing.joint,
         missing_unit="N m" if missing is None else missing.unit,
-        channels=worst_first(every),
+        channels=channels,
+        set_aside=sum(int(np.isnan(c.measured).sum()) for c in channels),
     )
 
 
@@ -40,7 +40,7 @@ def gap_text(report: GapReport) -> str:
     for cause in report.causes[:4]:
         if cause.probability < 0.005:
             continue
-        values = ", ".join(f"{name} {amount(a)}" for e in cause.effects for name, a in e.parameters.items())
+        values = "; ".join(amounts(e) for e in cause.effects)
         lines.append(f"cause     {percent(cause.probability):>6} {cause_name(cause)}: {values}")
         if cause.indistinguishable_from:
             alike = "; ".join(f"{kind.replace('_', ' ')} at {at}" for kind, at in cause.indistinguishable_from)
@@ -68,24 +68,20 @@ def gap_text(report: GapReport) -> str:
 
 def _held_out(found: Diagnosis) -> list[list[Channel]]:
     """Channels of every held-out experiment, under both models as they were tested."""
+    noise, pairs = found.subject.held_noise, zip(found.before, found.after, strict=True)
     return [
-        _channels(b.probe, b.predicted, a.predicted, noise, found.scale)
-        for b, a, noise in zip(found.before, found.after, _sigmas(found, held_out=True), strict=True)
+        _channels(b.probe, b.predicted, a.predicted, found.scale * noise.sigma[i], noise.keep[i])
+        for i, (b, a) in enumerate(pairs)
     ]
 
 
 def _fitted(found: Diagnosis) -> list[list[Channel]]:
     """The same of the fitted ones."""
-    made = []
-    for i, sigma in enumerate(_sigmas(found, held_out=False)):
+    noise, made = found.subject.noise, []
+    for i, probe in enumerate(found.subject.fit):
         each = [c.fitted.probes[i].predict(c.fitted.values, c.fitted.own(i))[0] for c in (found.baseline, found.best)]
-        made.append(_channels(found.subject.fit[i], *each, sigma, found.scale))
+        made.append(_channels(probe, *each, found.scale * noise.sigma[i], noise.keep[i]))
     return made
-
-
-def _sigmas(found: Diagnosis, held_out: bool) -> Sequence[np.ndarray]:
-    noise = found.subject.held_noise if held_out else found.subject.noise
-    return noise.sigma
 
 
 def _channels(
@@ -93,7 +89,7 @@ def _channels(
     before: Float[np.ndarray, " samples"],
     after: Float[np.ndarray, " samples"],
     sigma: Float[np.ndarray, " samples"],
-    scale: float,
+    keep: Bool[np.ndarray, " samples"],
 ) -> list[Channel]:
     """Measured coordinates of one experiment; efforts are no motion and are left out."""
     data, made = probe.data, []
@@ -105,8 +101,8 @@ def _channels(
             Channel(
                 experiment=probe.experiment.id, use=probe.experiment.use, at=c.at,
                 component=c.coordinate.removesuffix("_m"), unit=c.unit, time_s=data.time_s[rows],
-                measured=data.value[rows], before=before[rows], after=after[rows],
-                sigma=scale * float(np.sqrt(np.mean(sigma[rows] ** 2))), release_s=data.release_s,
+                measured=np.where(keep[rows], data.value[rows], np.nan), before=before[rows], after=after[rows],
+                sigma=float(np.sqrt(np.mean(sigma[rows] ** 2))), release_s=data.release_s,
             )
         )  # fmt: skip
     return made

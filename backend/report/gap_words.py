@@ -19,8 +19,10 @@ MEANING = {
 }
 """Verdict -> (badge, what it means)."""
 
-OUTSIDE = {"camera": "the camera", "world": "the world (base, gravity, release)"}
+OUTSIDE = {"camera": "the camera", "world": "the world around it"}
 MOST_NAMED = 4
+TOLD_APART = 9.0  # squared sd between two predictions
+UNITS = ("n", "m", "m2", "kg", "s", "s2", "rad", "hz", "relative")
 
 
 def place_name(at: str) -> str:
@@ -71,17 +73,24 @@ def least(d: Detectable) -> str:
 
 
 def parameter_name(name: str) -> str:
-    """The name without the unit that files put at its end.
+    """The name without the unit that files put at its end; empty where it says no more than the unit does.
 
     >>> parameter_name("friction_torque_n_m"), parameter_name("offset_m[0]"), parameter_name("damping_n_m_s_per_rad")
     ('friction torque', 'offset x', 'damping')
+    >>> parameter_name("kg_m2"), parameter_name("x_m_per_s"), parameter_name("relative")
+    ('', 'x', '')
     """
     stem, bracket, index = name.partition("[")
-    axis = f" {'xyz'[int(index[:-1])]}" if bracket and index[:-1] in ("0", "1", "2") else bracket + index
-    words = stem.partition("_per_")[0].split("_")
-    while len(words) > 1 and words[-1] in ("n", "m", "m2", "s", "kg", "rad", "hz", "s2"):
+    words = stem.split("_per_")[0].split("_")
+    while words and words[-1] in UNITS:
         words.pop()
-    return " ".join(words) + axis
+    axis = "xyz"[int(index[:-1])] if index[:-1] in ("0", "1", "2") else bracket + index
+    return " ".join([*words, *([axis] if axis else [])])
+
+
+def amounts(effect: CauseEffect) -> str:
+    """All numbers of one effect."""
+    return ", ".join(f"{parameter_name(name)} {amount(a)}".strip() for name, a in effect.parameters.items())
 
 
 def next_sentence(following: NextExperiment | None) -> str:
@@ -90,12 +99,15 @@ def next_sentence(following: NextExperiment | None) -> str:
         return ""
     said = following.do[:1].upper() + following.do[1:].rstrip(".") + "."
     pairs = [" from ".join(part.replace("_", " ") for part in pair) for pair in following.separates if len(pair) == 2]
-    if pairs:
-        said += f" This is to tell {'; '.join(pairs)}"
-        if following.expected_d2 is not None:
-            said += f": their predictions would then lie {shown(float(np.sqrt(following.expected_d2)), 2)} sd apart"
-        said += "."
-    return said
+    if not pairs:
+        return said
+    told = "; ".join(pairs)
+    if following.expected_d2 is None:
+        return f"{said} This is to tell {told}."
+    apart = shown(float(np.sqrt(following.expected_d2)), 2)
+    if following.expected_d2 < TOLD_APART:
+        return f"{said} Another release alone would not tell {told}: at best {apart} sd apart."
+    return f"{said} This is to tell {told}: their predictions would then lie {apart} sd apart."
 
 
 def worst_first(every: Sequence[Sequence[Channel]]) -> tuple[Channel, ...]:
