@@ -12,7 +12,7 @@ WIDTH, LEFT, RIGHT, BAR, GAP, TOP = 520, 118, 78, 22, 12, 18
 
 
 def shrink_bars(rest: Remainder, si: str, corrected: bool, title: str, note: str = "") -> Markup:
-    """Rms error as drawn and, where one was found, with the best cause; the noise, which no model can remove, as a line across both."""
+    """Rms error as drawn and, where one was found, with the best cause; across them, what a right model would leave."""
     unit, factor = at_the_bench(si) if si != "rad" else ("mrad", 1e3)
     rows = [("drawing as it is", rest.before_rms_m, "before"), ("with best cause", rest.after_rms_m, "after")]
     rows = rows if corrected else rows[:1]

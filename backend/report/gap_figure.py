@@ -65,7 +65,8 @@ def gap_figure(mechanism: Mechanism, pose: Motion, probability: Mapping[str, flo
     title = "Where in the mechanism"
     svg = element("svg", *parts, viewBox=f"0 0 {WIDTH} {height:.0f}", role="img", aria_label=title)
     legend = element("span", *_legend(bool(markers)), class_="legend")
-    note = f"At the release of the first fitted experiment, seen in the {view.name}. The stronger the orange, the more probable."
+    when = f"At the release of the first fitted experiment, seen in the {view.name}."
+    note = f"{when} The stronger the orange, the more probable."
     caption = element("figcaption", element("b", title), legend)
     return element("figure", caption, svg, element("p", note, class_="note"), class_="pose gap")
 

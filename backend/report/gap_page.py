@@ -170,7 +170,8 @@ def _model_free(evidence: GapEvidence) -> str:
     share = shares.get(f"joint:{evidence.missing_at}")
     if share is None:
         return ""
-    said = f"Judged without the library, by unknown forces and shifts alone, the gap lies here with {percent(share).replace(' ', KEPT)}"
+    sure = percent(share).replace(" ", KEPT)
+    said = f"Judged without the library, by unknown forces and shifts alone, the gap lies here with {sure}"
     if share < DOUBTFUL:
         return f"{said}: the curves say how large a {force_kind(evidence)} would have to be, not that there is one."
     return f"{said}."

@@ -111,7 +111,7 @@ def next_sentence(following: NextExperiment | None) -> str:
 
 
 def worst_first(every: Sequence[Sequence[Channel]]) -> tuple[Channel, ...]:
-    """Channels of the experiment that is explained worst [in sigmas], the coordinates that the drawing misses most first."""
+    """Channels of the experiment that is explained worst, in sigmas; first those that the drawing misses most."""
     if not any(every):
         return ()
     worst = max((channels for channels in every if channels), key=lambda cs: np.mean([_miss(c, c.after) for c in cs]))
