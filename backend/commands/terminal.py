@@ -113,5 +113,6 @@ def folder_for(out: Path | None, name: str) -> Path:
 
 
 def write_json(report: Mapping[str, Any], path: Path) -> None:
+    """Indented, with the folder made where it is missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(report, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -79,8 +79,10 @@ def _fitted(found: Diagnosis) -> list[list[Channel]]:
     """The same of the fitted ones."""
     noise, made = found.subject.noise, []
     for i, probe in enumerate(found.subject.fit):
-        each = [c.fitted.probes[i].predict(c.fitted.values, c.fitted.own(i))[0] for c in (found.baseline, found.best)]
-        made.append(_channels(probe, *each, found.scale * noise.sigma[i], noise.keep[i]))
+        before, after = (
+            c.fitted.probes[i].predict(c.fitted.values, c.fitted.own(i))[0] for c in (found.baseline, found.best)
+        )
+        made.append(_channels(probe, before, after, found.scale * noise.sigma[i], noise.keep[i]))
     return made
 
 
