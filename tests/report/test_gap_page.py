@@ -19,14 +19,14 @@ from backend.mechanism.read import parse_mechanism
 from backend.report.evidence import Channel, GapEvidence, Missing, Motion
 from backend.report.gap_page import write_gap_page
 from backend.report.gap_summary import gap_text
-from backend.report.gap_words import amount, least, next_sentence, parameter_name, percent, worst_first
+from backend.report.gap_words import MEANING, amount, least, next_sentence, parameter_name, percent, worst_first
 from backend.report.quantity import prefixed, shown
 
 TURN = [0.7071067811865476, 0.7071067811865476, 0.0, 0.0]
 STILL = {"position_m": [0.0, 0.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
 PIN = {"position_m": [0.0, 0.0, 0.0], "quaternion_wxyz": TURN}
 MASS, CENTRE, INERTIA = 0.05, 0.1, 2e-4  # kg, m, kg m² about the centre of mass
-FRICTION, SIGMA = 1.5e-3, 3e-4  # N m, rad
+FRICTION, SIGMA = 1.5e-3, 2e-3  # N m, rad
 LIBRARY = ("coulomb_friction", "viscous_friction", "mass_error")
 DRAWING = {
     "schema_version": "1.0",
@@ -118,21 +118,23 @@ def told(tmp_path_factory) -> Told:
 
 
 def test_the_command_finds_the_friction_that_the_drawing_lacks(told):
-    first = told.report.causes[0].effects[0]
-    assert told.report.verdict == "identified"
-    assert (first.kind, list(first.on)) == ("coulomb_friction", ["pin"])
-    found = first.parameters["friction_torque_n_m"]
-    assert abs(found.value - FRICTION) < 4 * found.sd  # one draw of the noise: 6 in 100000 lie further off
+    found = {e.kind: e for e in told.report.causes[0].effects}
+    assert told.report.verdict in ("identified", "ambiguous")
+    friction = found["coulomb_friction"].parameters["friction_torque_n_m"]
+    # Three standard deviations are 0.5%; the step of a diagnosis, as coarse as the noise allows, is worth 1%.
+    assert abs(friction.value - FRICTION) < 0.03 * FRICTION
     assert told.report.shrink.unit == "rad"
 
 
 def test_the_screenful_and_the_page_say_the_verdict_and_the_value_of_gap_json(told):
-    value = told.report.causes[0].effects[0].parameters["friction_torque_n_m"]
+    value = next(e for e in told.report.causes[0].effects if e.kind == "coulomb_friction").parameters[
+        "friction_torque_n_m"
+    ]
     for text in (told.said, told.page.text):
         assert told.report.sentence in text
         assert f"friction torque {amount(value)}" in text
     assert "mN m" in amount(value)
-    assert "cause identified" in told.page.text
+    assert MEANING[told.report.verdict][0] in told.page.text
 
 
 def test_the_page_is_whole_fetches_nothing_and_is_small(told):
