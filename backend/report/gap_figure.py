@@ -60,7 +60,7 @@ def gap_figure(mechanism: Mechanism, pose: Motion, probability: Mapping[str, flo
     parts += _labels([(px(at[place]), f"{place_name(place)}: {percent(probability[place])}") for place in named])
     outside = [p for p in ("camera", "world") if probability.get(p, 0.0) >= TELLING]
     for k, place in enumerate(outside):
-        words = f"not in the mechanism but in {place_name(place)}: {percent(probability[place])}"
+        words = f"outside the mechanism, {place_name(place)}: {percent(probability[place])}"
         parts.append(element("text", words, x=6, y=height - 8 - LINE * (len(outside) - 1 - k), class_="cause"))
     title = "Where in the mechanism"
     svg = element("svg", *parts, viewBox=f"0 0 {WIDTH} {height:.0f}", role="img", aria_label=title)

@@ -128,7 +128,7 @@ def _key_figures(report: GapReport) -> list[tuple[str, str]]:
         figures.append((f"{shown(factor * rest.before_rms_m)} {unit}", f"error of the drawing, {where}"))
         if report.verdict != "none":
             figures.append((f"{shown(factor * rest.after_rms_m)} {unit}", f"error with the best cause, {where}"))
-        figures.append((f"{shown(factor * rest.noise_rms_m)} {unit}", "noise of the measurement"))
+        figures.append((f"{shown(factor * rest.noise_rms_m)} {unit}", "what a right model would leave"))
     return figures
 
 

@@ -208,7 +208,7 @@ def test_a_place_is_as_orange_as_it_is_probable_and_the_camera_is_told_beside(tm
     page = page_of(evidence(), tmp_path)
     assert 'class="suspect" style="fill-opacity:0.60"' in page.html
     assert "joint pin: 60%" in page.text
-    assert "not in the mechanism but in the camera: 40%" in page.text
+    assert "outside the mechanism, the camera: 40%" in page.text
 
 
 def test_a_stretch_of_missing_torque_is_shaded_where_it_begins_and_ends(tmp_path):
