@@ -7,6 +7,7 @@ from pathlib import Path
 
 from backend.mechanism.ensemble_report import EnsembleReport
 from backend.mechanism.fit_report import FitReport
+from backend.mechanism.gap_report import GapReport
 from backend.mechanism.jam_report import JamReport
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import StudyFile
@@ -16,6 +17,7 @@ FORMATS = {
     "study": StudyFile,
     "fit": FitReport,
     "jam": JamReport,
+    "gap": GapReport,
     "jam_ensemble": EnsembleReport,
 }
 FOLDER = Path(__file__).parents[2] / "docs" / "schema"

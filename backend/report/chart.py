@@ -48,8 +48,20 @@ class Band:
 
 
 @dataclass(frozen=True)
+class Stretch:
+    """A part of the x axis that is pointed out, from start to end."""
+
+    name: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
 class Chart:
-    """Axes and what stands in them. marks: vertical lines (x, meaning), such as the release."""
+    """Axes and what stands in them. marks: vertical lines (x, meaning), such as the release.
+
+    y_range: lowest and highest that must be seen, so that charts side by side can share a scale.
+    """
 
     title: str
     x_label: str
@@ -59,6 +71,8 @@ class Chart:
     marks: Sequence[tuple[float, str]] = ()
     log_y: bool = False
     note: str = ""
+    stretches: Sequence[Stretch] = ()
+    y_range: tuple[float, float] | None = None
 
     def svg(self) -> Markup:
         """The chart as one figure element."""
@@ -67,6 +81,7 @@ class Chart:
             "svg",
             axes.drawn(self.x_label, self.y_label),
             _inside(
+                *(_stretch(axes, stretch) for stretch in self.stretches),
                 *(_mark(axes, x, meaning) for x, meaning in self.marks),
                 *(_band(axes, band) for band in self.bands),
                 *(_curve(axes, series) for series in self.series),
@@ -99,6 +114,7 @@ class _Axes:
         framed = [s for s in chart.series if s.framed] or chart.series
         xs = [s.x for s in framed] + [b.x for b in chart.bands]
         ys = [s.y for s in framed] + [edge for b in chart.bands for edge in (b.lower, b.upper)]
+        ys += [np.array(chart.y_range)] if chart.y_range else []
         x0, x1 = _range(xs)
         if chart.log_y:
             y0, y1 = _range([np.log10(y[y > 0]) for y in ys], margin=0.06)
@@ -216,8 +232,14 @@ def _mark(axes: _Axes, x: float, meaning: str) -> Markup:
     return line + element("text", meaning, class_="mark", x=at + 4, y=TOP + 9)
 
 
+def _stretch(axes: _Axes, stretch: Stretch) -> Markup:
+    start, end = float(axes.px(stretch.start)), float(axes.px(stretch.end))
+    return element("rect", class_="stretch", x=start, y=TOP, width=max(end - start, 1.0), height=HEIGHT - TOP - BOTTOM)
+
+
 def _legend(chart: Chart) -> Markup:
     keys = [(s.name, f"key {s.tone} {s.style}") for s in chart.series] + [(b.name, "key band") for b in chart.bands]
+    keys += [(name, "key stretch") for name in dict.fromkeys(s.name for s in chart.stretches)]
     return element("span", *(element("span", name, class_=look) for name, look in keys if name), class_="legend")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.mechanism.fit_report import FitReport
+from backend.mechanism.gap_report import GapReport
 from backend.mechanism.jam_report import JamReport
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import Use
@@ -109,6 +110,38 @@ class JamEvidence:
     mechanism: Mechanism
     motion: Motion
     report: JamReport
+
+
+@dataclass(frozen=True)
+class Missing:
+    """What acts on one joint in one experiment and is not in the drawing [N m or N]: mean and sd against time.
+
+    time_s: from the release.
+    """
+
+    experiment: str
+    time_s: Float[np.ndarray, "t"]
+    mean: Float[np.ndarray, "t"]
+    sd: Float[np.ndarray, "t"]
+
+
+@dataclass(frozen=True)
+class GapEvidence:
+    """A diagnosis and what its pictures are drawn from.
+
+    pose: one instant, at the release of the first fitted experiment. missing: at joint `missing_at`, in `missing_unit`,
+    one an experiment. channels: of one experiment, after: with the best cause; set_aside: how many of its samples were
+    found to be wrong and are left out.
+    """
+
+    mechanism: Mechanism
+    report: GapReport
+    pose: Motion
+    missing: tuple[Missing, ...] = ()
+    missing_at: str = ""
+    missing_unit: str = "N m"
+    channels: tuple[Channel, ...] = ()
+    set_aside: int = 0
 
 
 @dataclass(frozen=True)

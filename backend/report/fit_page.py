@@ -76,14 +76,14 @@ def cautions(report: FitReport) -> list[str]:
     return list(dict.fromkeys(said))
 
 
-def overlaid(channel: Channel) -> Chart:
+def overlaid(channel: Channel, before: str = "before", after: str = "after") -> Chart:
     """One coordinate as measured, as drawn and as fitted."""
     unit, factor = at_the_bench(channel.unit)
     series = [Series("measured", channel.time_s, factor * channel.measured, "measured", "points")]
     if channel.before is not None:
-        series.append(Series("before", channel.time_s, factor * channel.before, "before", "dashed", framed=False))
-    series.append(Series("after", channel.time_s, factor * channel.after, "after"))
-    return Chart(_named(channel), "time [s]", f"{channel.component} [{unit}]", series, marks=_release(channel))
+        series.append(Series(before, channel.time_s, factor * channel.before, "before", "dashed", framed=False))
+    series.append(Series(after, channel.time_s, factor * channel.after, "after"))
+    return Chart(named(channel), "time [s]", f"{channel.component} [{unit}]", series, marks=release_mark(channel))
 
 
 def residual(channel: Channel) -> Chart:
@@ -96,7 +96,7 @@ def residual(channel: Channel) -> Chart:
         bands = [Band("±2 sd of the noise", channel.time_s[[0, -1]], -edge, edge)]
     series = [Series("", channel.time_s, left, "after", "points")]
     rms = f"rms {shown(factor * channel.rms(channel.after))} {unit}"
-    return Chart(f"{_named(channel)}: {rms}", "time [s]", f"residual [{unit}]", series, bands, _release(channel))
+    return Chart(f"{named(channel)}: {rms}", "time [s]", f"residual [{unit}]", series, bands, release_mark(channel))
 
 
 def convergence(report: FitReport) -> list[Chart]:
@@ -158,11 +158,13 @@ def _moves(channel: Channel, among: Sequence[Channel]) -> bool:
     return bool(np.ptp(channel.measured) >= 0.01 * widest)
 
 
-def _named(channel: Channel) -> str:
+def named(channel: Channel) -> str:
+    """Its place and coordinate in words."""
     return f"{channel.at.replace(':', ' ')} {channel.component}"
 
 
-def _release(channel: Channel) -> list[tuple[float, str]]:
+def release_mark(channel: Channel) -> list[tuple[float, str]]:
+    """When it was let go, where there are frames before."""
     if channel.release_s is None or channel.release_s <= channel.time_s[0]:
         return []
     return [(channel.release_s, "release")]

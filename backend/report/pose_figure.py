@@ -38,15 +38,15 @@ def pose_figure(mechanism: Mechanism, motion: Motion, node: int, at: tuple[str, 
         return np.array([WIDTH / 2, height / 2]) + (p - middle) * scale * np.array([1.0, -1.0])
 
     places = {place.split(":", 1)[1]: place.split(":", 1)[0] for place in at}
-    drawn = [_body(px(p[0]), "start") for p in seen.values()]
+    drawn = [body_path(px(p[0]), "start") for p in seen.values()]
     for body, p in seen.items():
-        drawn.append(_body(px(p[node]), "body named" if places.get(body) == "body" else "body"))
+        drawn.append(body_path(px(p[node]), "body named" if places.get(body) == "body" else "body"))
     drawn += [element("circle", cx=x, cy=y, r=3.5) for p in (*(q[node] for q in seen.values()), held) for x, y in px(p)]
     labels = 0
     for joint in mechanism.joints:
         if places.get(joint.id) != "joint":
             continue
-        x, y = px(view.seen(_where(mechanism, motion, joint.body_b, np.array(joint.frame_b.position_m), node)))
+        x, y = px(view.seen(point_at(mechanism, motion, joint.body_b, np.array(joint.frame_b.position_m), node)))
         drawn.append(element("circle", cx=x, cy=y, r=13, class_="cause"))
         if labels < MOST_LABELS:
             drawn.append(element("text", joint.id, x=x + 17, y=y - 11, class_="cause"))
@@ -60,8 +60,8 @@ def pose_figure(mechanism: Mechanism, motion: Motion, node: int, at: tuple[str, 
     )
 
 
-def _body(points: Float[np.ndarray, "n 2"], look: str) -> Markup:
-    """A bar as a line, a plate as its outline."""
+def body_path(points: Float[np.ndarray, "n 2"], look: str, **attributes: str) -> Markup:
+    """A bar as a line, a plate as its outline; points [px]."""
     closed = ""
     if len(points) > 2:
         try:
@@ -70,10 +70,10 @@ def _body(points: Float[np.ndarray, "n 2"], look: str) -> Markup:
         except QhullError:  # joints in one line
             along = points @ (points.max(0) - points.min(0))
             points = points[[along.argmin(), along.argmax()]]
-    return element("path", class_=look, d=path(*points.T) + closed)
+    return element("path", class_=look, d=path(*points.T) + closed, **attributes)
 
 
-def _where(mechanism: Mechanism, motion: Motion, body: str, p_B: np.ndarray, node: int) -> np.ndarray:
+def point_at(mechanism: Mechanism, motion: Motion, body: str, p_B: np.ndarray, node: int) -> np.ndarray:
     """A point of a body in W [m]."""
     if body in motion.position_m:
         q, x = motion.quaternion_wxyz[body][node], motion.position_m[body][node]

@@ -43,3 +43,35 @@ def measured(value: float, sd: float | None) -> str:
         return shown(value)
     known = math.floor(math.log10(abs(value))) - math.floor(math.log10(sd)) + 2
     return shown(value, min(max(known, 2), 9))
+
+
+PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M", 3: "G"}
+SCALED = ("N", "m", "s", "rad", "g", "Hz", "Pa", "J", "W")
+
+
+def prefixed(size: float, unit: str) -> tuple[str, float]:
+    """The unit with the SI prefix that puts a number of this size between 1 and 1000, and the factor to it.
+
+    A unit that begins with a power, a fraction or a bare number keeps its form; a bare ratio becomes a percentage.
+
+    >>> prefixed(4e-4, "N m"), prefixed(2.8e-7, "kg m^2"), prefixed(0.02, "m^2"), prefixed(0.03, "1")
+    (('µN m', 1000000.0), ('µg m²', 1000000000.0), ('m²', 1.0), ('%', 100.0))
+    """
+    if unit in ("1", ""):
+        return "%", 100.0
+    first, space, rest = unit.partition(" ")
+    if "/" in first:
+        first, rest, space = unit.split("/", 1)[0], unit.split("/", 1)[1], "/"
+    gram = first == "kg"
+    base, factor = ("g", 1e3) if gram else (first, 1.0)
+    if base not in SCALED or size == 0.0 or not math.isfinite(size):
+        return _powers(unit), 1.0
+    power = math.floor(math.log10(abs(size) * factor) / 3.0 + 1e-9)
+    if base in ("m", "s", "rad"):
+        power = min(power, 0)  # kilometres are no lengths of a linkage
+    power = min(max(power, min(PREFIXES)), max(PREFIXES))
+    return PREFIXES[power] + base + space + _powers(rest), factor * 10.0 ** (-3 * power)
+
+
+def _powers(unit: str) -> str:
+    return unit.replace("^2", "²").replace("^3", "³").replace("^4", "⁴")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from backend.cli import _folder, _stoppable
+from backend.commands.terminal import folder_for, stoppable
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("jax", "cadquery", "cv2", "av", "pandas", "matplotlib", "fastapi")
@@ -49,7 +49,7 @@ def test_help_is_quick_and_loads_nothing_heavy():
     done = linktwin("--help")
     assert time.perf_counter() - began < 1.5  # s; 0.15 on an idle core
     assert done.returncode == 0
-    for command in ("export", "check", "simulate", "track", "fit", "jam", "twin"):
+    for command in ("export", "check", "simulate", "track", "fit", "diagnose", "twin", "jam", "blind"):
         assert command in done.stdout
     assert (
         imported_by(
@@ -89,11 +89,11 @@ def test_a_bad_drawing_is_refused_in_a_sentence_with_exit_code_2(drawing):
     assert "Traceback" not in done.stderr
 
 
-def test_a_name_is_no_path_out_of_the_output_folder(tmp_path, monkeypatch):
+def test_a_name_is_no_path_out_of_the_outputfolder_for(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("four/bar", "../../up", "/root", "", ".."):
-        assert _folder(None, name).resolve().parent == tmp_path / "out"
-    assert _folder(None, "Scissor 10").name == "Scissor_10"
+        assert folder_for(None, name).resolve().parent == tmp_path / "out"
+    assert folder_for(None, "Scissor 10").name == "Scissor_10"
 
 
 def test_a_folder_that_cannot_be_written_is_refused_in_a_sentence(drawing):
@@ -161,7 +161,7 @@ def test_a_step_of_zero_is_refused(drawing):
 
 
 def test_ctrl_c_asks_the_work_to_end_and_the_second_one_ends_it(capsys):
-    with _stoppable() as stopped:
+    with stoppable() as stopped:
         assert not stopped()
         os.kill(os.getpid(), signal.SIGINT)
         assert stopped()

@@ -1,0 +1,56 @@
+"""Why the real one differs from the drawing."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from backend.commands.terminal import AsJson, Failed, Out, StudyFile, answering, folder_for, progress, stoppable
+
+
+def diagnose(
+    study: StudyFile,
+    tolerance_mm: Annotated[
+        float | None,
+        typer.Option("--tolerance", metavar="MM", min=0.0, help="What may remain unexplained [mm; mrad for encoders]."),
+    ] = None,
+    without: Annotated[
+        list[str] | None, typer.Option(metavar="KIND", help="Leave this effect out of the library; repeatable.")
+    ] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say why the real one differs: is there a gap, where, which effect, how far does it shrink: gap.json and a page.
+
+    Ctrl-C ends the search early; the explanations found by then are weighed and written.
+    """
+    kinds = [kind.strip() for given in without or [] for kind in given.split(",") if kind.strip()]
+    with answering(as_json) as answer:
+        from backend.mechanism.effect import kind_named
+        from backend.mechanism.read import read_study
+        from backend.report.gap_page import write_gap_page
+        from backend.report.gap_summary import gap_evidence, gap_text
+
+        for kind in kinds:
+            kind_named(kind)
+        loaded = read_study(study)
+        folder = folder_for(out, loaded.mechanism.name)
+        with progress("reading the study") as advance, stoppable() as stopped:
+            from backend.diagnose.run import diagnose_study
+
+            tolerance_m = None if tolerance_mm is None else 1e-3 * tolerance_mm
+            found = diagnose_study(
+                loaded, tolerance_m=tolerance_m, without=frozenset(kinds), progress=advance, cancelled=stopped
+            )
+        written = folder / "gap.json"
+        written.write_text(found.report.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        page = write_gap_page(gap_evidence(loaded, found), folder / "gap.html")
+        answer(
+            found.report.model_dump(mode="json"),
+            f"{gap_text(found.report)}\nwrote     {written}\nopen      {page}",
+        )
+        if stopped():
+            raise Failed(
+                "the search was ended early: explanations that were not tried yet may be better. Run it again."
+            )

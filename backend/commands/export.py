@@ -1,0 +1,44 @@
+"""From a CadQuery script to a drawing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from backend.commands.terminal import AsJson, Out, answering
+
+
+def export(
+    script: Annotated[Path, typer.Argument(help="CadQuery script.", exists=True, dir_okay=False)],
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="Set a value of the script; repeatable."),
+    ] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run a CadQuery script and write its mechanism.json and meshes."""
+    chosen = _settings(settings or [])
+    with answering(as_json) as answer:
+        from backend.mechanism.check import check_json, check_text
+        from backend.mechanism.graph import describe
+        from backend.mechanism.read import read_mechanism
+        from cad_export import export_script
+
+        folder = out or Path("out") / script.resolve().parent.name
+        path = Path(export_script(script, folder, chosen))
+        report = describe(read_mechanism(path))
+        answer({"mechanism": str(path), **check_json(report)}, f"{check_text(report)}\nwrote     {path}")
+
+
+def _settings(pairs: list[str]) -> dict[str, str]:
+    """`cells=23` -> {"cells": "23"}; the script's own declarations say what type each has."""
+    chosen: dict[str, str] = {}
+    for pair in pairs:
+        name, equals, text = pair.partition("=")
+        if not (equals and name.isidentifier()):
+            raise typer.BadParameter(f"{pair!r} is not NAME=VALUE, such as cells=23", param_hint="--set")
+        chosen[name] = text
+    return chosen

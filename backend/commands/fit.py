@@ -1,0 +1,64 @@
+"""Values that the drawing leaves open."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import typer
+
+from backend.commands.terminal import AsJson, Failed, Out, StudyFile, answering, folder_for, progress, stoppable
+
+
+def fit(
+    study: StudyFile,
+    free: Annotated[
+        list[str],
+        typer.Option(metavar="KIND:ON[.PARAMETER]", help="What to fit; repeatable or comma separated; * is every one."),
+    ],
+    optimiser: Annotated[
+        Literal["lm", "lbfgsb"], typer.Option(help="Levenberg-Marquardt, or L-BFGS-B to compare.")
+    ] = "lm",
+    loss: Annotated[
+        Literal["linear", "soft_l1", "huber", "student"], typer.Option(help="All but linear shrug off outliers.")
+    ] = "linear",
+    noise: Annotated[
+        Literal["white", "ar1"], typer.Option(help="ar1 where neighbouring samples share their error.")
+    ] = "white",
+    starts: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Further searches from scattered values; the likeliest end wins.")
+    ] = 0,
+    sparse: Annotated[
+        bool, typer.Option("--sparse", help="One value for all of KIND:*, but for the places found to deviate.")
+    ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the fit that was cut off in --out.")] = False,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fit what the drawing leaves open to what was measured: fit.json and a page.
+
+    Ctrl-C ends the search and writes what it reached. That, or a fit that was killed, goes on with --resume.
+    """
+    specs = [spec.strip() for given in free for spec in given.split(",") if spec.strip()]
+    with answering(as_json) as answer:
+        from backend.mechanism.read import read_study
+        from backend.report.fit_page import write_fit_page
+        from backend.report.fit_summary import fit_evidence, fit_text
+
+        loaded = read_study(study)
+        folder = folder_for(out, loaded.mechanism.name)
+        with progress("reading the study") as advance, stoppable() as stopped:
+            from backend.fit.checkpoint import FILE
+            from backend.fit.fit_study import fit_study
+
+            kept = folder / FILE
+            result = fit_study(
+                loaded, specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, sparse=sparse,
+                checkpoint=kept, resume=resume, progress=advance, cancelled=stopped,
+            )  # fmt: skip
+        written = result.write(folder)
+        page = write_fit_page(fit_evidence(loaded, result), folder / "fit.html")
+        text = f"{fit_text(result.report)}\nwrote     {written}\nopen      {page}"
+        answer(result.report.model_dump(mode="json"), text)
+        if not result.report.converged:
+            more = " --resume goes on from there." if kept.exists() else ""
+            raise Failed(f"the fit did not converge: {result.report.message}{more}")

@@ -1,0 +1,118 @@
+"""What every command shares: how it answers, shows progress, ends early, and where it writes."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+import typer
+
+DONE, FAILED, BAD_INPUT = 0, 1, 2
+
+Out = Annotated[Path | None, typer.Option(help="Folder for what the command writes.", file_okay=False)]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the report alone, as JSON.")]
+MechanismFile = Annotated[Path, typer.Argument(help="mechanism.json: what was drawn.", exists=True, dir_okay=False)]
+StudyFile = Annotated[
+    Path, typer.Argument(help="study.json: a mechanism and its experiments.", exists=True, dir_okay=False)
+]
+
+
+class Advance(Protocol):
+    """Tell how far the work is: a part of the whole, from 0 to 1, and a few words on what is being done."""
+
+    def __call__(self, part: float, words: str = "") -> None: ...  # noqa: D102
+
+
+class Failed(Exception):
+    """The input was sound and the work did not succeed; the message says why and what to do."""
+
+
+@contextmanager
+def answering(as_json: bool) -> Iterator[Callable[[Mapping[str, Any], str], None]]:
+    """Give the command a way to answer, and turn what it raises into a sentence and an exit code.
+
+    Under --json the report alone reaches standard output: whatever scripts and engines print on the way goes
+    to standard error.
+    """
+    stdout = sys.stdout
+
+    def answer(report: Mapping[str, Any], text: str) -> None:
+        print(json.dumps(report, indent=1, ensure_ascii=False) if as_json else text, file=stdout)
+
+    try:
+        with redirect_stdout(sys.stderr if as_json else stdout):
+            yield answer
+    except Failed as error:
+        _end(error, FAILED)
+    except ValueError as error:  # the rooms' own errors: sentences about the input
+        _end(error, BAD_INPUT)
+    except OSError as error:
+        _end(_unreachable(error), BAD_INPUT)
+
+
+def _unreachable(error: OSError) -> str:
+    """What the system would not do, as a sentence; a sentence of the rooms' own is kept."""
+    if error.strerror is None:
+        return str(error)
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror}; check the path, its permissions and the space left, or choose another with --out"
+
+
+def _end(error: Exception | str, code: int) -> None:
+    print(f"error: {error}", file=sys.stderr)
+    raise typer.Exit(code) from None
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Advance]:
+    """A progress bar on standard error when it is a terminal; otherwise silence."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    text = TextColumn("{task.description}")
+    columns = (SpinnerColumn(), text, BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda part, words="": bar.update(task, completed=part, total=1.0, description=words or what)
+
+
+@contextmanager
+def stoppable() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed: the work ends at its next halt and is written; pressed again, it ends at once."""
+    pressed: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        pressed.append(number)
+        signal.signal(signal.SIGINT, before)
+        print("ending early; Ctrl-C again drops everything", file=sys.stderr)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(pressed)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def counting(advance: Advance) -> Callable[[int, int], None]:
+    """The same progress, told as so many of so many."""
+    return lambda done, total: advance(done / max(total, 1))
+
+
+def folder_for(out: Path | None, name: str) -> Path:
+    """Where to write, made before the work starts: a place that cannot be written should not cost a long run."""
+    folder = out or Path("out") / (re.sub(r"[^\w.-]+", "_", name).lstrip(".") or "unnamed")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def write_json(report: Mapping[str, Any], path: Path) -> None:
+    """Indented, with the folder made where it is missing."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(report, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -1,0 +1,38 @@
+"""From a clip to tracks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from backend.commands.terminal import AsJson, Out, answering, counting, progress
+
+
+def track(
+    video: Annotated[Path, typer.Argument(help="The clip.", exists=True, dir_okay=False)],
+    mechanism: Annotated[Path, typer.Option(help="mechanism.json: names the markers.", exists=True, dir_okay=False)],
+    bed: Annotated[
+        Path, typer.Option(help="JSON: marks on the bed, in metres and pixels.", exists=True, dir_okay=False)
+    ],
+    clicks: Annotated[
+        Path | None, typer.Option(help="JSON: marker to pixel in the first frame.", exists=True, dir_okay=False)
+    ] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure where the markers went in a clip: tracks.csv and an annotated preview."""
+    with answering(as_json) as answer:
+        from backend.mechanism.read import read_mechanism
+        from backend.report.track_summary import track_text
+
+        drawn = read_mechanism(mechanism)
+        with progress("opening the clip") as advance:
+            from backend.observe.measure import track_video
+
+            folder = out or Path("out") / video.stem
+            result = track_video(video, drawn, bed, out_dir=folder, clicks=clicks, progress=counting(advance))
+        files = {"tracks": str(result.tracks_path), "preview": str(result.preview_path)}
+        written = f"wrote     {result.tracks_path}\nopen      {result.preview_path}"
+        answer({**result.summary, "files": files}, f"{track_text(result.summary)}\n{written}")

@@ -1,0 +1,23 @@
+"""One diagnosis as a plain function of files, for whoever poses many: in this process or in another."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import signal
+from pathlib import Path
+from typing import Any
+
+
+def answer(study: Path, without: frozenset[str] = frozenset()) -> dict[str, Any]:
+    """What gap.json would say of a study.json, with kinds of effects left out of the library."""
+    if multiprocessing.parent_process() is not None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started the workers decides when they end
+    import jax
+
+    jax.config.update("jax_enable_x64", True)  # before any array is made
+
+    from backend.diagnose.run import diagnose_study
+    from backend.mechanism.read import read_study
+
+    return json.loads(diagnose_study(read_study(study), without=without).report.model_dump_json())

@@ -1,0 +1,83 @@
+"""`linktwin diagnose` and `linktwin blind`: what they refuse, and how the check is told."""
+
+import json
+import pickle
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from backend.cli import app
+from backend.diagnose.answer import answer
+
+STUDY = Path(__file__).resolve().parents[2] / "pyproject.toml"  # any file that is no study
+
+
+def linktwin(*arguments: str | Path):
+    return CliRunner().invoke(app, [*map(str, arguments)])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("diagnose", "nowhere.json"), "nowhere.json"),
+        (("diagnose", STUDY, "--tolerance", "-1"), "--tolerance"),
+        (("diagnose", STUDY, "--without", "coulomb_frction"), "coulomb_frction"),
+        (("diagnose", STUDY), "pyproject.toml"),
+        (("blind", "--seed", "3"), "--n"),
+        (("blind", "--n", "0", "--seed", "3"), "--n"),
+        (("blind", "--n", "5", "--seed", "1000000"), "--test"),
+        (("blind", "--n", "5", "--seed", "3", "--test"), "1000000"),
+        (("blind", "--n", "5", "--seed", "3", "--workers", "0"), "--workers"),
+    ],
+    ids=["no study", "negative tolerance", "misspelt kind", "not a study", "how many", "none at all",
+         "a test seed unasked", "a development seed for a test", "no workers"],
+)  # fmt: skip
+def test_bad_arguments_end_with_exit_code_2_and_say_which(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = linktwin(*arguments)
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_misspelt_kind_is_answered_with_those_that_exist():
+    assert "coulomb_friction" in linktwin("diagnose", STUDY, "--without", "coulomb_frction").stderr
+
+
+def test_whoever_diagnoses_many_can_be_sent_to_other_processes():
+    assert pickle.loads(pickle.dumps(answer)) is answer
+
+
+def never(study: Path, without: frozenset[str]) -> dict:
+    """An answer that finds no gap anywhere."""
+    assert study.is_file()
+    return {
+        "verdict": "none", "sentence": "", "where": {}, "causes": [], "probability_none": 1.0,
+        "probability_unknown": 0.0, "p_value": 1.0, "shrink": {}, "detectable": [],
+    }  # fmt: skip
+
+
+def test_blind_tells_the_seal_the_scores_and_both_baselines(tmp_path, monkeypatch):
+    monkeypatch.setattr("backend.diagnose.answer.answer", never)
+    arguments = ("blind", "--n", "1", "--seed", "7", "--out", tmp_path)
+    done = linktwin(*arguments)
+    assert done.exit_code == 0, done.stderr
+    sealed = json.loads((tmp_path / "seal.json").read_text())
+    assert sealed["sha256"] in done.stdout
+    for column in ("cause first", "most frequent", "derivatives"):
+        assert column in done.stdout
+    again = linktwin(*arguments, "--json")  # answers that are there already are kept
+    assert json.loads(again.stdout) == json.loads((tmp_path / "scores.json").read_text())
+
+
+def test_a_check_that_was_stopped_says_how_to_go_on(tmp_path, monkeypatch):
+    def stopped(*given, **options):
+        from backend.blind.withheld.run import Cancelled
+
+        raise Cancelled("stopped with 2 of 5 answers; run again to go on")
+
+    monkeypatch.setattr("backend.blind.withheld.run.run_blind", stopped)
+    done = linktwin("blind", "--n", "5", "--seed", "7", "--out", tmp_path)
+    assert done.exit_code == 1
+    assert "run again to go on" in done.stderr
