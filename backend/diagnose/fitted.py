@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -122,8 +123,9 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
     r, J = -solution.residual[: seer.count], solution.jacobian[: seer.count]
     precision = np.concatenate([choice.prior_sd**-2.0, np.zeros(x.size - few)])
     return Fitted(
-        subject, choice, tuple(probes), solution.x, r, J, seer.rows, precision, solution.status, fraction, seer.miss(solution.x)
-    )
+        subject, choice, tuple(probes), solution.x, r, J, seer.rows, precision, solution.status, fraction,
+        seer.miss(solution.x),
+    )  # fmt: skip
 
 
 class Seer:
@@ -131,11 +133,9 @@ class Seer:
 
     def __init__(self, subject: Subject, probes: Sequence[Probe], fraction: float = 1.0):
         self.subject, self.probes = subject, probes
-        self.white = [
-            subject.noise.whitening(p.data, i, fraction) for i, p in enumerate(probes)
-        ]
+        self.white = [subject.noise.whitening(p.data, i, fraction) for i, p in enumerate(probes)]
         ends = np.cumsum([0, *[w.keep.size for w in self.white]]).tolist()
-        self.rows = tuple(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        self.rows = tuple(slice(a, b) for a, b in pairwise(ends))
         self.count = ends[-1]
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

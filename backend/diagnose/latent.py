@@ -80,9 +80,7 @@ def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarra
             on = at == place if place != "camera" else np.isin(at, markers)
             blocks[place].append([white(shape * (on & (axis == a))[:, None]) for a in axes if a in AXES])
     n = seer.count
-    stacked = {
-        k: _blocks(n, seer.rows, [np.concatenate(parts, 1) for parts in runs]) for k, runs in blocks.items()
-    }
+    stacked = {k: _blocks(n, seer.rows, [np.concatenate(parts, 1) for parts in runs]) for k, runs in blocks.items()}
     warp = _warp(fitted, seer, axes)
     size = np.median(np.linalg.norm(stacked["camera"], axis=0))
     stacked["camera"] = np.concatenate([stacked["camera"], warp * size / np.linalg.norm(warp, axis=0)], 1)

@@ -159,8 +159,8 @@ def library(
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
     nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
     return Library(
-        family, parameters, tuple(added.values()), tuple(_candidates(mechanism, wanted, as_causes, found, tries)), nuisances,
-        neutral,
+        family, parameters, tuple(added.values()), tuple(_candidates(mechanism, wanted, as_causes, found, tries)),
+        nuisances, neutral,
     )  # fmt: skip
 
 
@@ -227,7 +227,7 @@ def _candidates(
             alike.setdefault(tuple(parameters[i].parameter for i in rows), []).append(on)
         for ons in alike.values():
             if len(ons) > 1:
-                takes = tuple(zip(*(at[on] for on in ons), strict=True))
+                takes = tuple(tuple(group) for group in zip(*(at[on] for on in ons), strict=True))
                 own = tuple(replace(parameters[t[0]], label="all") for t in takes)
                 everywhere = tuple(o for on in ons for o in on)
                 yield Candidate(kind, everywhere, _places(mechanism, everywhere), own, takes, family)
@@ -243,5 +243,3 @@ def _places(mechanism: Mechanism, on: Sequence[str]) -> tuple[str, ...]:
     }
     named = ((o, next((g for g, ids in groups.items() if o in ids), None)) for o in on)
     return tuple(o if group is None else f"{group}:{o}" for o, group in named)
-
-

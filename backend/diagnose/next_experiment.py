@@ -72,9 +72,11 @@ def _pose_words(subject: Subject, probe: Probe, own: np.ndarray) -> str:
     q = np.asarray(at)[: len(subject.model.topology.joint_ids)]
     q = q + np.asarray(slope)[: q.size] @ own[: probe.mobility]
     words = []
-    for i, (id, kind) in enumerate(zip(subject.model.topology.joint_ids, subject.model.topology.joint_types, strict=True)):
+    joints = subject.model.topology
+    for i, (id, kind) in enumerate(zip(joints.joint_ids, joints.joint_types, strict=True)):
         if id in subject.joints and len(words) < max(probe.mobility, 1):
-            words.append(f"{id} at {1e3 * q[i]:.0f} mm" if kind == "prismatic" else f"{id} at {np.degrees(q[i]):.0f} deg")
+            at = f"{1e3 * q[i]:.0f} mm" if kind == "prismatic" else f"{np.degrees(q[i]):.0f} deg"
+            words.append(f"{id} at {at}")
     rest = "from rest" if not probe.moving else "with the speed of the first experiment"
     return f"with {', '.join(words)} {rest}, as long a record as before"
 
@@ -99,4 +101,3 @@ def _measure(a: Cause, b: Cause) -> str:
 
 def _clock(candidate: Candidate) -> bool:
     return any(p.unit == "s" for p in candidate.parameters) or "rate" in candidate.kind
-

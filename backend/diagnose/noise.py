@@ -82,8 +82,7 @@ def estimate(data: Sequence[Measured]) -> Noise:
             (i, c, rows)
             for i, d in enumerate(data)
             for c, channel in enumerate(d.channels)
-            if kind_of(channel.at) == kind
-            and (rows := np.flatnonzero((d.channel == c) & d.still & keep[i])).size >= 5
+            if kind_of(channel.at) == kind and (rows := np.flatnonzero((d.channel == c) & d.still & keep[i])).size >= 5
         ]
         if sum(rows.size for *_, rows in still) < ENOUGH:
             continue

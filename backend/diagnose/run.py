@@ -104,7 +104,6 @@ class _Inquiry:
         baseline = self.search.baseline()
         about = self.search.screen(baseline)
         latent = self.search.latent
-        assert latent is not None
         at_base = adequacy(baseline.fitted, latent, self.rng)
         self.scale = max(1.0, at_base.noise if baseline.fitted.fraction == 1.0 and at_base.noise < 1.5 else 1.0)
         p = self.p_gap(about, at_base)
@@ -257,9 +256,7 @@ class _Inquiry:
         """Probabilities, pictures' material and the report."""
         self.tell("weighing the explanations")
         soft = 1.0 if verdict in ("none", "identified") else softness(scaled(best.fitted, self.scale))
-        causes = [
-            c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == best.fitted.fraction
-        ]
+        causes = [c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == best.fitted.fraction]
         same = baseline if baseline.fitted.fraction == best.fitted.fraction else None
         unknown = None
         if same is not None and verdict != "approximate":

@@ -68,7 +68,7 @@ class Screen:
 
     def p_value(self, candidates: Sequence[Candidate], rng: np.random.Generator) -> float:
         """Probability that noise alone gives any candidate as large a gain as the largest here."""
-        # Noise in the span of all signatures has their Gram matrix as its covariance: no draw of whole records is needed.
+        # Noise in the span of all signatures has their Gram matrix as its covariance: no whole record is drawn.
         G = self.S.T @ self.S
         w, V = np.linalg.eigh(G)
         draws = (rng.standard_normal((DRAWS, w.size)) * np.sqrt(np.maximum(w, 0.0))) @ V.T

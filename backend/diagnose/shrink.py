@@ -111,9 +111,9 @@ def shrinkage(before: Sequence[Test], after: Sequence[Test], rng: np.random.Gene
     count = a[:, 2].sum()
     gap, rest = a[:, 0].sum() - a[:, 1].sum(), b[:, 0].sum() - b[:, 1].sum()
     upper = float(np.sqrt(max(np.quantile(later, 0.975), 0.0) / count))
-    rms = [float(np.sqrt(x / count)) for x in (a[:, 0].sum(), b[:, 0].sum(), a[:, 1].sum())]
+    was, now, noise = (float(np.sqrt(x / count)) for x in (a[:, 0].sum(), b[:, 0].sum(), a[:, 1].sum()))
     if gap <= 0.0 or np.quantile(first, 0.025) <= 0.0:
-        return Shrinkage(*rms, None, None, upper)
+        return Shrinkage(was, now, noise, None, None, upper)
     fraction = 1.0 - later / np.where(first > 0, first, np.nan)
     low, high = np.nanquantile(fraction, [0.025, 0.975])
-    return Shrinkage(*rms, float(min(1.0 - rest / gap, 1.0)), (float(low), float(min(high, 1.0))), upper)
+    return Shrinkage(was, now, noise, float(min(1.0 - rest / gap, 1.0)), (float(low), float(min(high, 1.0))), upper)

@@ -96,7 +96,7 @@ class Subject:
 
 
 def coarse_step(study: Study) -> float:
-    """The step of the simulation [s]: no finer than the noise asks for, from the sampling and the mechanism's size.
+    """The step of the simulation [s], from the sampling and the mechanism's size: no finer than the noise asks for.
 
     A step of a fiftieth of the natural time is off by about 2e-5 of what it turned, and the error falls with its square.
     """
@@ -144,9 +144,11 @@ def prepare(study: Study, library: Library, step_s: float, noise: tuple[Noise, N
         p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))
     if noise is not None:
         return Subject(library, model, fit, held, *noise, step_s, joints)
-    noise = estimate([p.data for p in (*fit, *held)])
-    parts = [Noise(noise.sigma[a:b], noise.memory, noise.keep[a:b]) for a, b in ((0, len(fit)), (len(fit), None))]
-    return Subject(library, model, fit, held, parts[0], parts[1], step_s, joints)
+    every = estimate([p.data for p in (*fit, *held)])
+    mine, theirs = (
+        Noise(every.sigma[part], every.memory, every.keep[part]) for part in (slice(len(fit)), slice(len(fit), None))
+    )
+    return Subject(library, model, fit, held, mine, theirs, step_s, joints)
 
 
 def _few_sizes(count: int) -> int:

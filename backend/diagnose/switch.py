@@ -31,7 +31,8 @@ def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarra
         return
     for factor in FACTORS:
         yield {
-            p.name: float(np.clip(p.start + p.prior_sd * factor, p.lower, p.upper)) for p in candidate.parameters
+            p.name: float(np.clip(p.start + sd * factor, p.lower, p.upper))
+            for p, sd in zip(candidate.parameters, candidate.prior_sd, strict=True)
         }
 
 

@@ -121,7 +121,7 @@ def _effects(cause: Cause, scale: float, softness: float) -> list[CauseEffect]:
                 ci95=(float(max(value - 1.96 * wide, p.lower)), float(min(value + 1.96 * wide, p.upper))),
             )  # fmt: skip
             at += 1
-        found.append(CauseEffect(kind=c.kind, on=list(c.on), parameters=numbers))
+        found.append(CauseEffect(kind=c.kind, on=tuple(c.on), parameters=numbers))
     return found
 
 
@@ -164,10 +164,12 @@ def _detectable(subject: Subject, about: Screen, scale: float) -> list[Detectabl
     found = []
     for c in subject.library.candidates:
         if len(c.on) == 1:
-            for p, least in zip(c.parameters, scale * about.detectable(c), strict=True):
-                if least < 1e3 * p.prior_sd:
+            for p, sd, least in zip(c.parameters, c.prior_sd, scale * about.detectable(c), strict=True):
+                if least < 1e3 * sd:
                     found.append(
-                        Detectable(kind=c.kind, on=list(c.on), parameter=p.parameter, minimum=float(least), unit=p.unit)
+                        Detectable(
+                            kind=c.kind, on=tuple(c.on), parameter=p.parameter, minimum=float(least), unit=p.unit
+                        )
                     )
     return found
 

@@ -81,8 +81,9 @@ class MissingForce:
             for a, b in zip(edges[::2], edges[1::2], strict=True):
                 found.append(
                     Phase(
-                        experiment=experiment, at=f"joint:{self.joint}", start_s=float(time[a]), end_s=float(time[b - 1]),
-                        missing=float(np.mean(mean[a:b])), sd=float(np.mean(sd[a:b])), unit=self.unit,
+                        experiment=experiment, at=f"joint:{self.joint}", start_s=float(time[a]),
+                        end_s=float(time[b - 1]), missing=float(np.mean(mean[a:b])), sd=float(np.mean(sd[a:b])),
+                        unit=self.unit,
                     )
                 )  # fmt: skip
         return sorted(found, key=lambda p: -abs(p.missing) * (p.end_s - p.start_s))[:MOST]

@@ -64,19 +64,26 @@ class Search:
     subject: Subject
     tell: Callable[[str], None]
     cancelled: Callable[[], bool]
-    latent: Latent | None = None
+    known: Latent | None = None
 
     def __post_init__(self):
         self.tried: dict[tuple[str, ...], Cause] = {}
         self.screens: dict[tuple[str, ...], Screen] = {}
 
+    @property
+    def latent(self) -> Latent:
+        """Responses to unknown forces and shifts, about the baseline or what was looked at last."""
+        if self.known is None:
+            raise RuntimeError("no responses to unknown forces yet: fit the baseline first")
+        return self.known
+
     def baseline(self) -> Cause:
         """The drawing with its tolerances alone, as far into the records as it follows them."""
         made = self.follow(self.subject.choose())
-        self.latent = responses(self.subject, made)
+        self.known = responses(self.subject, made)
         if made.fraction == 1.0 and self._set_aside(made):
             made = fit(self.subject, made.choice, start=made.x)
-            self.latent = responses(self.subject, made)
+            self.known = responses(self.subject, made)
         return self._keep(made)
 
     def _set_aside(self, fitted: Fitted) -> bool:
@@ -185,14 +192,14 @@ class Search:
 
     def look_again(self, cause: Cause) -> None:
         """Take the responses to unknown forces about this cause, and weigh everything tried so far anew."""
-        self.latent = responses(self.subject, cause.fitted)
+        self.known = responses(self.subject, cause.fitted)
         for names, each in self.tried.items():
             if each.fitted.fraction == cause.fitted.fraction:
                 self.tried[names] = self._weigh(each.fitted)
 
     def _keep(self, fitted: Fitted) -> Cause:
-        if self.latent is None or next(iter(self.latent.places.values())).shape[0] != fitted.r.size:
-            self.latent = responses(self.subject, fitted)
+        if self.known is None or next(iter(self.known.places.values())).shape[0] != fitted.r.size:
+            self.known = responses(self.subject, fitted)
         cause = self._weigh(fitted)
         self.tried[cause.names] = cause
         return cause

@@ -24,8 +24,9 @@ class CameraTilt(AbstractView):
         "m", "from the camera to the mechanism; 0: three times the extent of what is drawn", lower=0.0, by_name=True
     )
     aim_right_m: Float[Array, ""] = parameter(
-        "m", "where the line of sight meets the picture, right of the middle of what is drawn", by_name=True, expected=0.5
-    )
+        "m", "where the line of sight meets the picture, right of the middle of what is drawn", by_name=True,
+        expected=0.5,
+    )  # fmt: skip
     aim_down_m: Float[Array, ""] = parameter("m", "and below it", by_name=True, expected=0.5)
 
     def view(self, sight, camera):

@@ -17,8 +17,9 @@ class LensDistortion(AbstractView):
     )
     k2: Float[Array, ""] = parameter("1/m^4", "and per its fourth power", expected=5e-4)
     aim_right_m: Float[Array, ""] = parameter(
-        "m", "where the line of sight meets the picture, right of the middle of what is drawn", by_name=True, expected=0.5
-    )
+        "m", "where the line of sight meets the picture, right of the middle of what is drawn", by_name=True,
+        expected=0.5,
+    )  # fmt: skip
     aim_down_m: Float[Array, ""] = parameter("m", "and below it", by_name=True, expected=0.5)
 
     def view(self, sight, camera):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import jax.numpy as jnp
 import numpy as np
@@ -38,7 +39,7 @@ class Run:
     _last: tuple[np.ndarray, tuple[np.ndarray, np.ndarray]] | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, experiment: Experiment, model: Model, addresses: Addresses, step_s: float) -> Run:
+    def of(cls, experiment: Experiment, model: Model, addresses: Addresses, step_s: float) -> Self:
         """Read the tables and find the start. ValueError names the experiment."""
         values = {(e, p): v for e, given in experiment.overrides.items() for p, v in given.items()}
         free = {(effect, name.partition("[")[0]) for group in addresses for effect, name in group}

@@ -15,7 +15,10 @@ Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class Location(Part):
-    """A place (`joint:ID`, `body:ID`, `marker:ID`, `effect:ID`, `camera`, `world`) and how probably the gap lies there."""
+    """A place and how probably the gap lies there.
+
+    at: `joint:ID`, `body:ID`, `marker:ID`, `effect:ID`, `camera` or `world`.
+    """
 
     at: Id
     probability: Probability
@@ -56,11 +59,11 @@ class Where(Part):
     model_free: the same from unknown forces and shifts alone, whatever the library says.
     """
 
-    locations: list[Location] = []
-    phases: list[Phase] = []
-    markers: list[MarkerGap] = []
-    joints: list[JointGap] = []
-    model_free: list[Location] = []
+    locations: list[Location] = Field(default_factory=list)
+    phases: list[Phase] = Field(default_factory=list)
+    markers: list[MarkerGap] = Field(default_factory=list)
+    joints: list[JointGap] = Field(default_factory=list)
+    model_free: list[Location] = Field(default_factory=list)
 
 
 class Amount(Part):
@@ -86,7 +89,7 @@ class CauseSet(Part):
     effects: list[CauseEffect]
     probability: Probability
     log_evidence: float
-    indistinguishable_from: list[list[str]] = []
+    indistinguishable_from: list[list[str]] = Field(default_factory=list)
     adequate: bool = True
 
 
@@ -145,6 +148,6 @@ class GapReport(Part):
     shrink: Shrink
     detectable: list[Detectable]
     next_experiment: NextExperiment | None = None
-    warnings: list[str] = []
+    warnings: list[str] = Field(default_factory=list)
     tolerance_m: float | None = None
     wall_s: float = 0.0

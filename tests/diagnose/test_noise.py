@@ -19,7 +19,7 @@ def record(rng, sigma=1e-3, memory=0.0, wrong=(), still=40, moving=200, channels
         since = np.maximum(times - still / 100.0, 0.0)
         value.append(0.1 * np.cos(7.0 * since + c) + sigma * e)
         of.append(np.full(times.size, c))
-    names = tuple(Channel("marker:m", axis, 3 * c, "m", "static") for c, axis in zip(range(channels), ("x_m", "z_m")))
+    names = tuple(Channel("marker:m", axis, 3 * c, "m", "static") for c, axis in enumerate(("x_m", "z_m")[:channels]))
     return Measured(
         np.tile(times, channels), np.concatenate(value), np.full(times.size * channels, sigma), np.concatenate(of),
         names, still / 100.0,
@@ -55,7 +55,7 @@ def test_thrown_samples_are_found_and_good_ones_are_kept():
     rng = np.random.default_rng(3)
     thrown = (12, 77, 150, 151, 200)
     data = record(rng, wrong=thrown)
-    bad = {int(round(100 * t)) for t in data.time_s[~good_samples(data)]}
+    bad = {round(100 * t) for t in data.time_s[~good_samples(data)]}
     assert set(thrown) - {150, 151} <= bad  # two in a row may hide each other
     assert len(bad - set(thrown)) <= 3
 
