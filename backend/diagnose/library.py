@@ -57,7 +57,7 @@ class Candidate:
     @property
     def name(self) -> str:
         """`kind:place`, or `kind:all` for a shared one."""
-        part = f".{self.parameters[0].parameter}" if self.partial else ""
+        part = "".join(f".{p.parameter}" for p in self.parameters) if self.partial else ""
         return f"{self.kind}:{'all' if len(self.on) > 1 else self.on[0]}{part}"
 
     @property

@@ -98,7 +98,7 @@ class Subject:
 def coarse_step(study: Study) -> float:
     """The step of the simulation [s], from the sampling and the mechanism's size: no finer than the noise asks for.
 
-    A step of a fiftieth of the natural time is off by about 2e-5 of what it turned, and the error falls with its square.
+    A step of a fiftieth of the natural time is off by about 2e-5 of what it turned; the error falls with its square.
     """
     model = build(study.mechanism)
     fine = default_step(study, model)

@@ -15,7 +15,11 @@ class AirDrag(AbstractDrag):
 
     kind = "air_drag"
     acts_on = "body"
-    drag_area_m2: Float[Array, ""] = parameter("m^2", "drag coefficient x frontal area", lower=0.0, expected=0.2)
+    drag_area_m2: Float[Array, ""] = parameter(
+        "m^2", "drag coefficient x frontal area", lower=0.0, expected=0.05,
+        # Where ½ρ A v² is the body's weight at the mechanism's own speed: a light link feels a small area.
+        natural_unit="kg/m", typical=2.0 / AIR_DENSITY_KG_PER_M3,
+    )  # fmt: skip
 
     def wrench(self, body):
         """No torque about the centre of mass."""

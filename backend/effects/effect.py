@@ -32,6 +32,8 @@ class Declaration:
     """What a joint's fit calls the value that holds where none is given (a method of mechanism.joint.Fit)."""
     typical: float = 1.0
     """Its usual size, in natural sizes of its unit."""
+    natural_unit: str | None = None
+    """Another unit whose natural size says how large it is, where its own says nothing of the forces it makes."""
     by_name: bool = False
     """Whether a fit frees it only when it is named."""
     at_least: str | None = None

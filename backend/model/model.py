@@ -75,7 +75,7 @@ class Model(eqx.Module):
                 for name, declared in placed.effect.declarations().items():
                     value = getattr(placed.effect, name)[row]
                     value = float(value) if declared.size == 1 else tuple(map(float, value))
-                    natural = declared.typical * self.scale.of(declared.unit)
+                    natural = declared.typical * self.scale.of(declared.natural_unit or declared.unit)
                     for key, one in {name: value, **_components(name, value)}.items():
                         table[(effect_id, key)] = ParameterRow(
                             effect_id, placed.effect.kind, on, key, declared, one, natural

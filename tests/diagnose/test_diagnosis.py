@@ -39,7 +39,7 @@ def drawing():
 
 
 def study(drawing, seed, torque=None, places=lambda p: p):
-    """Four releases to fit and two held out. torque(t, q, rate): what the drawing lacks. places: what the camera does."""
+    """Four releases to fit, two held out. torque(t, q, rate): what the drawing lacks. places: what the camera does."""
     rng = np.random.default_rng(seed)
     since = (np.arange(STILL + 84) - STILL + 0.5) / RATE
     experiments = []
