@@ -32,7 +32,7 @@ LOUD = 0.25  # noise variances a sample: what must be left for a third effect to
 BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
-WORTH = 5.0  # log evidence that another effect must bring
+WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
 SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
 
@@ -210,7 +210,8 @@ class _Inquiry:
         weight = np.sqrt(softness(scaled(top.fitted, self.scale))) if not self.enough(judged) else 1.0
         width = self.scale / weight
         gain = log_evidence(scaled(top.fitted, width)) - log_evidence(scaled(best.fitted, width))
-        return gain > WORTH and max(judged.excess, 0.0) < SAME_POWER * max(found.excess, 1e-12)
+        asked = max(WORTH, np.log(len(self.subject.library.candidates)) + 2.0)
+        return gain > asked and max(judged.excess, 0.0) < SAME_POWER * max(found.excess, 1e-12)
 
     def enough(self, judged: Adequacy) -> bool:
         """Nothing smooth is left, to the strictness of the noise or of the user's tolerance."""
