@@ -51,9 +51,11 @@ def alike(cause: CauseSet) -> list[str]:
     places: dict[str, list[str]] = {}
     for kind, at in cause.indistinguishable_from:
         places.setdefault(kind.replace("_", " "), []).append("all at once" if at == "all" else at)
-    return [
-        f"{kind} at {' or '.join([', '.join(ats[:-1]), ats[-1]] if ats[1:] else ats)}" for kind, ats in places.items()
-    ]
+    return [f"{kind} at {_either(ats)}" for kind, ats in places.items()]
+
+
+def _either(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}" if len(names) > 1 else names[0]
 
 
 def percent(p: float) -> str:

@@ -312,15 +312,8 @@ def test_a_next_experiment_says_what_it_tells_apart_or_that_no_release_would():
 
 
 def test_aliases_are_told_kind_by_kind():
-    cause = (
-        report()
-        .causes[0]
-        .model_copy(
-            update={
-                "indistinguishable_from": [["inertia_error", "rod"], ["effort_offset", "pin"], ["inertia_error", "all"]]
-            }
-        )
-    )
+    pairs = [["inertia_error", "rod"], ["effort_offset", "pin"], ["inertia_error", "all"]]
+    cause = report().causes[0].model_copy(update={"indistinguishable_from": pairs})
     assert alike(cause) == ["inertia error at rod or all at once", "effort offset at pin"]
 
 
