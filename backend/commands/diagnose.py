@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import typer
 
 from backend.commands.terminal import AsJson, Failed, Out, StudyFile, answering, folder_for, progress, stoppable
+
+ENDED = "The search was ended early: an explanation that was not tried may fit better. Run it again."
 
 
 def diagnose(
@@ -43,14 +46,13 @@ def diagnose(
             found = diagnose_study(
                 loaded, tolerance_m=tolerance_m, without=frozenset(kinds), progress=advance, cancelled=stopped
             )
+        if stopped():
+            said = found.report.model_copy(update={"warnings": [ENDED, *found.report.warnings]})
+            found = replace(found, report=said)
         written = folder / "gap.json"
         written.write_text(found.report.model_dump_json(indent=1) + "\n", encoding="utf-8")
         page = write_gap_page(gap_evidence(loaded, found), folder / "gap.html")
-        answer(
-            found.report.model_dump(mode="json"),
-            f"{gap_text(found.report)}\nwrote     {written}\nopen      {page}",
-        )
+        text = f"{gap_text(found.report)}\nwrote     {written}\nopen      {page}"
+        answer(found.report.model_dump(mode="json"), text)
         if stopped():
-            raise Failed(
-                "the search was ended early: explanations that were not tried yet may be better. Run it again."
-            )
+            raise Failed(ENDED)

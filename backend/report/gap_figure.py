@@ -62,11 +62,11 @@ def gap_figure(mechanism: Mechanism, pose: Motion, probability: Mapping[str, flo
     for k, place in enumerate(outside):
         words = f"outside the mechanism, {place_name(place)}: {percent(probability[place])}"
         parts.append(element("text", words, x=6, y=height - 8 - LINE * (len(outside) - 1 - k), class_="cause"))
-    title = "Where in the mechanism"
+    title = "Where in the mechanism" if probability else "As it was let go"
     svg = element("svg", *parts, viewBox=f"0 0 {WIDTH} {height:.0f}", role="img", aria_label=title)
-    legend = element("span", *_legend(bool(markers)), class_="legend")
+    legend = element("span", *_legend(bool(markers), bool(probability)), class_="legend")
     when = f"At the release of the first fitted experiment, seen in the {view.name}."
-    note = f"{when} The stronger the orange, the more probable."
+    note = f"{when} The stronger the orange, the more probable." if probability else when
     caption = element("figcaption", element("b", title), legend)
     return element("figure", caption, svg, element("p", note, class_="note"), class_="pose gap")
 
@@ -110,8 +110,9 @@ def _labels(told: list[tuple[np.ndarray, str]]) -> Iterator[Markup]:
         )
 
 
-def _legend(markers: bool) -> Iterator[Markup]:
+def _legend(markers: bool, suspects: bool) -> Iterator[Markup]:
     yield element("span", "joint", class_="key spot joint")
     if markers:
         yield element("span", "marker", class_="key spot marker")
-    yield element("span", "where the gap may lie", class_="key spot suspect")
+    if suspects:
+        yield element("span", "where the gap may lie", class_="key spot suspect")

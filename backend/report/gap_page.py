@@ -16,6 +16,7 @@ from backend.report.gap_bars import shrink_bars
 from backend.report.gap_figure import gap_figure
 from backend.report.gap_words import (
     MEANING,
+    alike,
     amounts,
     cause_name,
     effect_name,
@@ -114,8 +115,7 @@ def _explained(cause: CauseSet) -> Explanation:
         for e in cause.effects
         if e.parameters
     ]
-    alike = [f"{kind.replace('_', ' ')} at {at}" for kind, at in cause.indistinguishable_from]
-    return Explanation(cause_name(cause), cause.probability, told, alike)
+    return Explanation(cause_name(cause), cause.probability, told, alike(cause))
 
 
 def _key_figures(report: GapReport) -> list[tuple[str, str]]:

@@ -10,8 +10,10 @@ from jaxtyping import Bool, Float
 from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study
 from backend.report.evidence import Channel, GapEvidence, Missing, Motion
-from backend.report.gap_words import amounts, cause_name, percent, place_name, worst_first
+from backend.report.gap_words import alike, amounts, cause_name, percent, place_name, worst_first
 from backend.report.quantity import at_the_bench, shown
+
+MOST_ALIKE = 4
 
 if TYPE_CHECKING:
     from backend.diagnose.probe import Probe
@@ -42,9 +44,9 @@ def gap_text(report: GapReport) -> str:
             continue
         values = "; ".join(amounts(e) for e in cause.effects)
         lines.append(f"cause     {percent(cause.probability):>6} {cause_name(cause)}: {values}")
-        if cause.indistinguishable_from:
-            alike = "; ".join(f"{kind.replace('_', ' ')} at {at}" for kind, at in cause.indistinguishable_from)
-            lines.append(f"{'':<16} these data cannot tell it from {alike}")
+        if others := alike(cause):
+            more = f"; and {len(others) - MOST_ALIKE} other kinds" if len(others) > MOST_ALIKE else ""
+            lines.append(f"{'':<16} these data cannot tell it from {'; '.join(others[:MOST_ALIKE])}{more}")
     for p, words in ((report.probability_none, "nothing"), (report.probability_unknown, "something unknown")):
         if p >= 0.005:
             lines.append(f"cause     {percent(p):>6} {words}")
@@ -59,7 +61,8 @@ def gap_text(report: GapReport) -> str:
             before, after, noise = (
                 shown(factor * value) for value in (rest.before_rms_m, rest.after_rms_m, rest.noise_rms_m)
             )
-            lines.append(f"{name:<9} rms {before} {unit} as drawn, {after} with the best cause, noise {noise}")
+            corrected = "" if report.verdict == "none" else f", {after} with the best cause"
+            lines.append(f"{name:<9} rms {before} {unit} as drawn{corrected}, noise {noise}")
     if report.next_experiment is not None:
         lines.append(f"next      {report.next_experiment.do}")
     lines += [f"warning: {sentence}" for sentence in report.warnings]

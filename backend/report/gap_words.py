@@ -46,6 +46,18 @@ def cause_name(cause: CauseSet) -> str:
     return " and ".join(effect_name(e) for e in cause.effects)
 
 
+def alike(cause: CauseSet) -> list[str]:
+    """What the data cannot tell it from, kind by kind."""
+    places: dict[str, list[str]] = {}
+    for kind, at in cause.indistinguishable_from:
+        places.setdefault(kind.replace("_", " "), []).append("all at once" if at == "all" else at)
+    return [f"{kind} at {_either(ats)}" for kind, ats in places.items()]
+
+
+def _either(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}" if len(names) > 1 else names[0]
+
+
 def percent(p: float) -> str:
     """A probability as a percentage that never claims certainty.
 

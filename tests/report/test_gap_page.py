@@ -19,7 +19,7 @@ from backend.mechanism.read import parse_mechanism
 from backend.report.evidence import Channel, GapEvidence, Missing, Motion
 from backend.report.gap_page import write_gap_page
 from backend.report.gap_summary import gap_text
-from backend.report.gap_words import MEANING, amount, least, next_sentence, parameter_name, percent, worst_first
+from backend.report.gap_words import MEANING, alike, amount, least, next_sentence, parameter_name, percent, worst_first
 from backend.report.quantity import prefixed, shown
 
 TURN = [0.7071067811865476, 0.7071067811865476, 0.0, 0.0]
@@ -201,7 +201,7 @@ def page_of(made: GapEvidence, folder: Path) -> Page:
 def test_every_verdict_stands_first_with_its_own_badge(verdict, tmp_path):
     page = page_of(evidence(verdict=verdict), tmp_path)
     assert f'class="badge {verdict}"' in page.html
-    assert page.html.index("The gap is friction") < page.html.index("Where the gap lies")
+    assert page.html.index("The gap is friction") < page.html.index("<h2>")
 
 
 def test_a_place_is_as_orange_as_it_is_probable_and_the_camera_is_told_beside(tmp_path):
@@ -242,7 +242,8 @@ def test_errors_stand_in_millimetres_beside_the_noise(tmp_path):
 def test_no_gap_has_neither_places_nor_a_corrected_motion(tmp_path):
     made = evidence(verdict="none", where={}, causes=[], probability_none=0.99, sentence="No gap.")
     page = page_of(GapEvidence(made.mechanism, made.report, made.pose, channels=made.channels), tmp_path)
-    assert "There is no gap to be placed" in page.text
+    assert "How probably it lies there" not in page.text
+    assert "where the gap may lie" not in page.text
     assert "nothing: the drawing is right 99%" in page.text
     assert "with the best cause" not in page.text
     assert "torque missing" not in page.html
@@ -260,6 +261,10 @@ def test_the_screenful_names_causes_places_and_errors():
     for words in ("AMBIGUOUS", "60% coulomb friction at pin: friction torque 400 ± 20 µN m", "40% the camera",
                   "rms 4.00 mm as drawn, 0.500 with the best cause, noise 0.450", "release it higher"):  # fmt: skip
         assert words in text
+
+
+def test_the_screenful_of_no_gap_names_no_corrected_error():
+    assert "rms 4.00 mm as drawn, noise 0.450" in gap_text(report(verdict="none"))
 
 
 # Words
@@ -304,6 +309,12 @@ def test_a_next_experiment_says_what_it_tells_apart_or_that_no_release_would():
     other = next_sentence(NextExperiment(separates=pair, do="weigh the parts", expected_d2=0.25))
     assert "at best 0.50 sd apart" in other
     assert next_sentence(None) == ""
+
+
+def test_aliases_are_told_kind_by_kind():
+    pairs = [["inertia_error", "rod"], ["effort_offset", "pin"], ["inertia_error", "all"]]
+    cause = report().causes[0].model_copy(update={"indistinguishable_from": pairs})
+    assert alike(cause) == ["inertia error at rod or all at once", "effort offset at pin"]
 
 
 def test_names_of_parameters_lose_their_units():
