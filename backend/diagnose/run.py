@@ -113,7 +113,7 @@ class _Inquiry:
             return self.report("none", baseline, baseline, None, about, latent, at_base, p, model_free, first, first)
         singles = self.search.level([baseline], REFITS)
         best, last = self.climb(baseline, singles, at_base)
-        best, last = self.switching(baseline, best, last)
+        best, last = self.switching(baseline, best, last, at_base)
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first)
 
     def p_gap(self, about: Screen, at_base: Adequacy) -> float:
@@ -145,9 +145,11 @@ class _Inquiry:
             found = adequacy(best.fitted, self.search.latent, self.rng)
         return best, found
 
-    def switching(self, baseline: Cause, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+    def switching(
+        self, baseline: Cause, best: Cause, last: Adequacy, at_base: Adequacy
+    ) -> tuple[Cause, Adequacy]:
         """Where nothing smooth is enough: stops, play, bending and friction that grows with load, family by family."""
-        if self.enough(last) or baseline.fitted.fraction < 1.0:
+        if self.enough(last) or baseline.fitted.fraction < 1.0 or self.little(best, last, at_base, 1):
             return best, last
         for cause in self.search.tuning(baseline):
             if self.leaders([cause, best])[0] is cause:

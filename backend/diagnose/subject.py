@@ -31,7 +31,8 @@ PER_TIME = 1.6  # natural times between bumps
 ALL_WAVES = 512  # joints times bumps
 FINE_ERROR = 2e-5  # rad, of a motion at the fit's default step
 HARMLESS = 0.02  # of the noise: what the step may be off by in each of a few thousand samples
-COARSEST = 2.0  # times the fit's default step
+COARSEST, FINEST = 2.0, 0.5  # times the fit's default step
+LONG = 3000  # steps: no step of so long a record is made finer, where the law is wrong by more than the step
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 
@@ -111,7 +112,9 @@ def coarse_step(study: Study) -> float:
     ]
     wanted = fine * np.sqrt(HARMLESS * min(relative) / FINE_ERROR)
     sampling = min(_sampling(d) for d in (measured(e, model) for e in study.experiments))
-    return float(max(fine, min(wanted, COARSEST * fine, sampling)))
+    longest = max(float(d.time_s.max() - d.release_s) for d in (measured(e, model) for e in study.experiments))
+    finest = FINEST * fine if longest / fine < LONG else fine
+    return float(np.clip(wanted, finest, max(finest, min(COARSEST * fine, sampling))))
 
 
 def _sampling(data) -> float:

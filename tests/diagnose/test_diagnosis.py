@@ -11,6 +11,7 @@ from backend.mechanism.study import Experiment, Release, Study
 LENGTH, MASS, GRAVITY, INERTIA, SIGMA = 0.2, 0.5, 9.81, 2e-3, 5e-4
 RATE, STILL = 60.0, 20
 HINGE = {"position_m": [0, 0, 0], "quaternion_wxyz": [0.7071067811865476, 0.7071067811865476, 0, 0]}
+FEW = frozenset({"clearance", "joint_stop", "link_flexibility", "pin_friction"})  # one program each to compile
 RUB = 0.02  # N m, 2% of m g L
 
 
@@ -76,7 +77,7 @@ def rubbing(t, q, rate):
 def rubbed(drawing):
     from backend.diagnose.run import diagnose_study
 
-    return diagnose_study(study(drawing, 1, rubbing)).report
+    return diagnose_study(study(drawing, 1, rubbing), without=FEW).report
 
 
 def test_dry_friction_is_named_at_its_joint_with_its_size(rubbed):
@@ -126,8 +127,7 @@ def test_a_blow_that_no_effect_of_the_library_gives_is_unknown_and_lies_at_the_j
     def blow(t, q, rate):
         return 0.8 * np.exp(-0.5 * ((q - 0.2) / 0.06) ** 2) * np.sign(q)
 
-    few = frozenset({"clearance", "joint_stop", "link_flexibility", "pin_friction"})  # one program each to compile
-    found = diagnose_study(study(drawing, 4, blow), without=few).report
+    found = diagnose_study(study(drawing, 4, blow), without=FEW).report
     assert found.verdict == "unknown"
     assert found.probability_unknown >= 0.9
     assert found.where.model_free[0].at == "joint:j1"
