@@ -145,9 +145,7 @@ class _Inquiry:
             found = adequacy(best.fitted, self.search.latent, self.rng)
         return best, found
 
-    def switching(
-        self, baseline: Cause, best: Cause, last: Adequacy, at_base: Adequacy
-    ) -> tuple[Cause, Adequacy]:
+    def switching(self, baseline: Cause, best: Cause, last: Adequacy, at_base: Adequacy) -> tuple[Cause, Adequacy]:
         """Where nothing smooth is enough: stops, play, bending and friction that grows with load, family by family."""
         if self.enough(last) or baseline.fitted.fraction < 1.0 or self.little(best, last, at_base, 1):
             return best, last

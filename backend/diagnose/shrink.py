@@ -116,4 +116,6 @@ def shrinkage(before: Sequence[Test], after: Sequence[Test], rng: np.random.Gene
         return Shrinkage(was, now, noise, None, None, upper)
     fraction = 1.0 - later / np.where(first > 0, first, np.nan)
     low, high = np.nanquantile(fraction, [0.025, 0.975])
-    return Shrinkage(was, now, noise, float(min(1.0 - rest / gap, 1.0)), (float(min(low, 1.0)), float(min(high, 1.0))), upper)
+    return Shrinkage(
+        was, now, noise, float(min(1.0 - rest / gap, 1.0)), (float(min(low, 1.0)), float(min(high, 1.0))), upper
+    )
