@@ -279,7 +279,7 @@ class _Inquiry:
             singles = [self.search.tried[n] for n in self.search.tried if len(n) == 1]
             for i in belief.reported:
                 cause = belief.causes[i]
-                if len(cause.candidates) == 1:
+                if len(cause.candidates) == 1 and cause.fitted.subject is self.subject:
                     also[cause.names] = aliases(
                         about, cause, self.subject.library.candidates, singles, self.scale / np.sqrt(soft)
                     )
