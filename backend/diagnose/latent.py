@@ -43,21 +43,24 @@ class Latent:
         return self.places[place] * self.unit[place]
 
 
-def responses(subject: Subject, fitted: Fitted, shifts: bool = True) -> Latent:
-    """Responses about a fitted motion."""
-    seer = Seer(subject, fitted.probes, fitted.fraction)
-    n, joints = seer.count, len(subject.joints)
+def forces(subject: Subject, fitted: Fitted) -> list[Float[np.ndarray, "samples joints waves"]]:
+    """Response of every experiment's samples to each bump of force at each joint, before any whitening."""
+    joints = len(subject.joints)
 
     def one(i: int) -> np.ndarray:
-        slopes = fitted.probes[i].drive_slopes(fitted.values, fitted.own(i), joints)
-        return seer.white[i](np.nan_to_num(slopes))
+        return np.nan_to_num(fitted.probes[i].drive_slopes(fitted.values, fitted.own(i), joints))
 
-    made = subject.over(one, range(len(fitted.probes)))
+    return subject.over(one, range(len(fitted.probes)))
+
+
+def responses(subject: Subject, fitted: Fitted, raw: Sequence[np.ndarray] | None = None) -> Latent:
+    """Responses about a fitted motion. raw: of the forces, where they are known from a motion alike."""
+    seer = Seer(subject, fitted.probes, fitted.fraction)
+    made = [white(slopes) for white, slopes in zip(seer.white, raw or forces(subject, fitted), strict=True)]
     places: dict[str, np.ndarray] = {}
     for j, id in enumerate(subject.joints):
-        places[f"joint:{id}"] = _blocks(n, seer.rows, [m[:, j] for m in made])
-    if shifts:
-        places |= _shifts(subject, fitted, seer)
+        places[f"joint:{id}"] = _blocks(seer.count, seer.rows, [m[:, j] for m in made])
+    places |= _shifts(subject, fitted, seer)
     places = {k: L[:, np.linalg.norm(L, axis=0) > 1e-9 * max(np.linalg.norm(L), 1e-300)] for k, L in places.items()}
     places = {k: L for k, L in places.items() if L.shape[1]}
     return Latent(places, {k: 1.0 / float(np.median(np.linalg.norm(L, axis=0))) for k, L in places.items()})
@@ -184,3 +187,19 @@ def left_over(fitted: Fitted, latent: Latent) -> Float[np.ndarray, " n"]:
     """What neither the fit nor any unknown force or shift explains, row by row."""
     A, R = basis(fitted, latent)
     return fitted.r - A @ (R @ (R.T @ (A.T @ fitted.r)))
+
+
+def neighbour_correlation(fitted: Fitted, latent: Latent, follows: np.ndarray) -> float:
+    """Correlation of neighbouring rows of the noise, from what is left over.
+
+    follows: rows that come one sample after the row before them. What the projection takes out of white noise, which
+    makes neighbours correlate by themselves, is put back.
+    """
+    A, R = basis(fitted, latent)
+    Q = A @ R
+    e = fitted.r - Q @ (Q.T @ fitted.r)
+    rows = np.flatnonzero(follows)
+    power = float(e @ e) / max(e.size - R.shape[1], 1)
+    taken = float(np.sum(Q[rows] * Q[rows - 1]))
+    both = float(np.sum(1.0 - np.sum(Q[rows] ** 2, 1)))
+    return (float(e[rows] @ e[rows - 1]) / max(power, 1e-300) + taken) / max(both, 1.0)

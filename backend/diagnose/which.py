@@ -13,8 +13,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, start_of
-from backend.diagnose.latent import SIZES, Latent, evidence, left_over, responses
+from backend.diagnose.latent import SIZES, Latent, evidence, forces, left_over, neighbour_correlation, responses
 from backend.diagnose.library import Candidate
+from backend.diagnose.noise import kind_of
 from backend.diagnose.screen import Screen, screen, tuned
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
@@ -22,6 +23,8 @@ from backend.mechanism.effect import kind_named
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
+CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is left
+MANY = 500  # neighbouring samples from which memory is bettered
 STRAY = 4.3  # sd: a sample of a smooth record that nothing smooth explains
 BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
 SWITCHES = 3  # causes of a kind that switches on, refitted
@@ -80,11 +83,39 @@ class Search:
     def baseline(self) -> Cause:
         """The drawing with its tolerances alone, as far into the records as it follows them."""
         made = self.follow(self.subject.choose())
-        self.known = responses(self.subject, made)
-        if made.fraction == 1.0 and self._set_aside(made):
-            made = fit(self.subject, made.choice, start=made.x)
-            self.known = responses(self.subject, made)
+        raw = forces(self.subject, made)
+        self.known = responses(self.subject, made, raw)
+        if made.fraction == 1.0:
+            changed = self._set_aside(made)
+            if self._remember(made) or changed:
+                made = fit(self.subject, made.choice, start=made.x)
+                self.known = responses(self.subject, made, raw)
         return self._keep(made)
+
+    def _remember(self, fitted: Fitted) -> bool:
+        """Better the noise's memory from all frames: still ones are few, and a little memory looks like slow forces."""
+        left = left_over(fitted, self.latent)
+        if not 0.5 < float(np.mean(left**2)) < CALM:
+            return False
+        seer = Seer(self.subject, fitted.probes, fitted.fraction)
+        kinds = {kind_of(c.at) for p in fitted.probes for c in p.data.channels}
+        changed = False
+        for kind in kinds:
+            follows = np.zeros(fitted.r.size, bool)
+            for p, white, rows in zip(fitted.probes, seer.white, seer.rows, strict=True):
+                channel, time = p.data.channel[white.keep], p.data.time_s[white.keep]
+                of = np.array([kind_of(c.at) == kind for c in p.data.channels])[channel]
+                gap = np.diff(time)
+                next_to = (np.diff(channel) == 0) & of[1:] & (gap < 1.5 * np.median(gap[gap > 0]))
+                follows[rows.start + 1 : rows.stop] = next_to
+            if follows.sum() < MANY:
+                continue
+            more = neighbour_correlation(fitted, self.latent, follows)
+            if abs(more) > 2.0 / np.sqrt(follows.sum()):
+                memory = self.subject.noise.memory
+                memory[kind] = float(np.clip(memory.get(kind, 0.0) + more, 0.0, 0.97))
+                changed = True
+        return changed
 
     def _set_aside(self, fitted: Fitted) -> bool:
         """Drop samples that no smooth cause could bring near; false where there are none, or too many to be chance."""
