@@ -17,13 +17,15 @@ from backend.diagnose.library import SMOOTH, families, library
 from backend.diagnose.next_experiment import next_experiment
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
-from backend.diagnose.subject import Subject, coarse_step, prepare
+from backend.diagnose.subject import Subject, prepare
 from backend.diagnose.switch import passed
 from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Cause, Search
+from backend.fit.fit_study import default_step
 from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study
+from backend.model.build import build
 
 ALPHA = 0.01
 DEEPEST = 4  # effects in one explanation
@@ -90,7 +92,7 @@ class _Inquiry:
         self.without = without
         self.tell("building the library of effects")
         known = library(study.mechanism, SMOOTH, study.tolerances, without)
-        self.subject = prepare(study, known, step_s or coarse_step(study))
+        self.subject = prepare(study, known, step_s or default_step(study, build(study.mechanism)))
         self.search = Search(self.subject, self.tell, self.cancelled)
 
     def tell(self, words: str) -> None:
@@ -168,6 +170,10 @@ class _Inquiry:
                 continue
             noise = (self.subject.noise, self.subject.held_noise)
             subject = prepare(self.study, known, self.subject.step_s, noise)
+            for mine, known_one in zip(
+                (*subject.fit, *subject.held_out), (*self.subject.fit, *self.subject.held_out), strict=True
+            ):
+                mine.correction = known_one.correction
             search = Search(subject, self.tell, self.cancelled, self.search.latent)
             for cause in search.switching(baseline, family, motion):
                 self.search.tried[cause.names] = cause

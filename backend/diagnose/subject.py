@@ -15,9 +15,7 @@ from jaxtyping import Float
 from backend.diagnose.library import Candidate, Library
 from backend.diagnose.noise import Noise, estimate
 from backend.diagnose.probe import Probe, with_drives
-from backend.fit.fit_study import default_step
 from backend.fit.free import FreeParameter
-from backend.fit.measured import measured
 from backend.fit.prediction import addresses_of
 from backend.mechanism.effect import Effect
 from backend.mechanism.joint import WITHOUT_COORDINATE
@@ -29,10 +27,6 @@ UNKNOWN = "unknown@"  # ids of the drives that stand for what is not in the libr
 WAVES = (12, 48)  # fewest and most bumps in time of an unknown drive
 PER_TIME = 1.6  # natural times between bumps
 ALL_WAVES = 512  # joints times bumps
-FINE_ERROR = 2e-5  # rad, of a motion at the fit's default step
-HARMLESS = 0.004  # of the noise: what the step may be off by, for thousands of samples add up
-COARSEST, FINEST = 2.0, 0.5  # times the fit's default step
-LONG = 3000  # steps: no step of so long a record is made finer, where the law is wrong by more than the step
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 
@@ -94,32 +88,6 @@ class Subject:
         """One after the other on each core."""
         with ThreadPoolExecutor(max_workers=min(max(len(items), 1), os.cpu_count() or 1)) as pool:
             return list(pool.map(work, items))
-
-
-def coarse_step(study: Study) -> float:
-    """The step of the simulation [s], from the sampling and the mechanism's size: no finer than the noise asks for.
-
-    A step of a fiftieth of the natural time is off by about 2e-5 of what it turned; the error falls with its square.
-    """
-    model = build(study.mechanism)
-    fine = default_step(study, model)
-    noise = estimate([measured(e, model) for e in study.experiments])
-    relative = [
-        s / (1.0 if d.channels[c].unit == "rad" else float(model.scale.length_m))
-        for d, sigma in zip((measured(e, model) for e in study.experiments), noise.sigma, strict=True)
-        for c in range(len(d.channels))
-        for s in [float(np.median(sigma[d.channel == c]))]
-    ]
-    wanted = fine * np.sqrt(HARMLESS * min(relative) / FINE_ERROR)
-    sampling = min(_sampling(d) for d in (measured(e, model) for e in study.experiments))
-    longest = max(float(d.time_s.max() - d.release_s) for d in (measured(e, model) for e in study.experiments))
-    finest = FINEST * fine if longest / fine < LONG else fine
-    return float(np.clip(wanted, finest, max(finest, min(COARSEST * fine, sampling))))
-
-
-def _sampling(data) -> float:
-    gaps = [np.diff(data.time_s[data.channel == c]) for c in range(len(data.channels))]
-    return float(min(np.median(g) for g in gaps if g.size))
 
 
 def prepare(study: Study, library: Library, step_s: float, noise: tuple[Noise, Noise] | None = None) -> Subject:

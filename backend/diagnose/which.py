@@ -16,6 +16,7 @@ from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, start_of
 from backend.diagnose.latent import SIZES, Latent, evidence, forces, left_over, neighbour_correlation, responses
 from backend.diagnose.library import Candidate
 from backend.diagnose.noise import kind_of
+from backend.diagnose.probe import Probe
 from backend.diagnose.screen import Screen, screen, tuned
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
@@ -83,6 +84,9 @@ class Search:
     def baseline(self) -> Cause:
         """The drawing with its tolerances alone, as far into the records as it follows them."""
         made = self.follow(self.subject.choose())
+        if made.fraction == 1.0:
+            self._correct_steps(made)
+            made = fit(self.subject, made.choice, start=made.x)
         raw = forces(self.subject, made)
         self.known = responses(self.subject, made, raw)
         if made.fraction == 1.0:
@@ -91,6 +95,18 @@ class Search:
                 made = fit(self.subject, made.choice, start=made.x)
                 self.known = responses(self.subject, made, raw)
         return self._keep(made)
+
+    def _correct_steps(self, fitted: Fitted) -> None:
+        """Let every experiment put the error of its step back."""
+        ties, neutral = fitted.choice.ties, self.subject.neutral
+
+        def one(probe: Probe) -> None:
+            moved = probe.choose(ties, neutral)
+            runs = [i for i, p in enumerate(self.subject.fit) if p is probe]
+            moved.correct(fitted.values, fitted.own(runs[0]) if runs else moved.settle(fitted.values))
+            probe.correction = moved.correction
+
+        self.subject.over(one, [*self.subject.fit, *self.subject.held_out])
 
     def _remember(self, fitted: Fitted) -> bool:
         """Better the noise's memory from all frames: still ones are few, and a little memory looks like slow forces."""
