@@ -57,8 +57,9 @@ class Candidate:
     @property
     def name(self) -> str:
         """`kind:place`, or `kind:all` for a shared one."""
-        part = "".join(f".{p.parameter}" for p in self.parameters) if self.partial else ""
-        return f"{self.kind}:{'all' if len(self.on) > 1 else self.on[0]}{part}"
+        part = "".join(f".{p.parameter}" for p in self.parameters if self.partial)
+        place = self.on[0] if len(self.on) == 1 else "all"
+        return f"{self.kind}:{place}{part}"
 
     @property
     def prior_sd(self) -> np.ndarray:
