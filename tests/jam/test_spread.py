@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -58,19 +59,26 @@ def once(ready, what: str, patience_s: float = 60.0) -> None:
 
 def test_a_worker_that_dies_loses_no_sample_and_none_counts_twice(farm, tmp_path):
     diary, samples, chunk = tmp_path / "diary", np.linspace(0.0, 1.0, 197)[:, None], 5
-    job = SlowJob(str(diary), chunk, 0.1)
+    job = SlowJob(str(diary), chunk, 0.25)
 
     def begun() -> list[list[str]]:
         return [line.split() for line in diary.read_text().splitlines()] if diary.exists() else []
 
-    seen, killed = [], None
-    for place, verdict in answers(job, samples):
-        seen.append((place, verdict))
-        busy = [worker for worker in farm if str(worker.pid) in {pid for pid, _ in begun()}]
-        if killed is None and len(busy) == 2:  # both are at work
-            killed = busy[0]
-            killed.kill()
-    assert killed is not None, "only one worker ever worked"
+    def chunks_of(worker: subprocess.Popen) -> int:
+        return [pid for pid, _ in begun()].count(str(worker.pid))
+
+    def kill_one() -> None:
+        once(lambda: all(chunks_of(worker) for worker in farm), "work for both")
+        done = chunks_of(farm[0])
+        # It dies as it begins another chunk, which takes a quarter of a second: one is surely in flight.
+        once(lambda: chunks_of(farm[0]) > done, "another chunk")
+        farm[0].kill()
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
+    seen = list(answers(job, samples))
+    killer.join()
+    assert farm[0].poll() is not None, "no worker was killed"
     places = sorted((place for place, _ in seen), key=lambda place: place.start)
     assert [(p.start, p.stop) for p in places] == [(k, min(k + chunk, 197)) for k in range(0, 197, chunk)]
     for place, verdict in seen:
@@ -79,7 +87,7 @@ def test_a_worker_that_dies_loses_no_sample_and_none_counts_twice(farm, tmp_path
         assert verdict.rests.all()  # float64 on the workers
     twice = [chunk for chunk, times in Counter(chunk for _, chunk in begun()).items() if times > 1]
     assert twice, "nothing was in flight when the worker died: the test showed nothing"
-    assert begun()[-1][0] != str(killed.pid)
+    assert begun()[-1][0] != str(farm[0].pid)
 
 
 def test_a_scheduler_that_is_not_there_is_said_in_a_sentence(monkeypatch):
