@@ -7,13 +7,12 @@ so wide that the drawing loses the motion is first read over as much of the reco
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, start_of
-from backend.diagnose.latent import SIZES, Latent, evidence, forces, left_over, neighbour_correlation, responses
+from backend.diagnose.latent import Latent, forces, left_over, neighbour_correlation, responses
 from backend.diagnose.library import Candidate
 from backend.diagnose.noise import kind_of
 from backend.diagnose.probe import Probe
@@ -37,13 +36,10 @@ ODDS = np.log(20.0)
 
 @dataclass(frozen=True)
 class Cause:
-    """A set of candidates fitted to the data. log_z: evidence for noise alone; with_unknown: beside unknown forces,
-    by size.
-    """
+    """A set of candidates fitted to the data, and its log evidence for noise alone."""
 
     fitted: Fitted
     log_z: float
-    with_unknown: np.ndarray
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -54,11 +50,6 @@ class Cause:
     def names(self) -> tuple[str, ...]:
         """Sorted names of its members."""
         return tuple(sorted(c.name for c in self.candidates))
-
-    @property
-    def any_size(self) -> float:
-        """Log evidence where unknown forces may be absent or of any size, half of the belief each."""
-        return float(logsumexp([self.log_z, logsumexp(self.with_unknown) - np.log(SIZES.size)]) - np.log(2.0))
 
 
 @dataclass
@@ -181,7 +172,7 @@ class Search:
                 start[len(choice.parameters) :] = parent.fitted.x[parent.fitted.count :]
                 fits.append(fit(self.subject, choice, start=start, fractions=(parent.fitted.fraction,)))
             made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
-        return sorted(made, key=lambda c: -c.any_size)
+        return sorted(made, key=lambda c: -c.log_z)
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
         """The same sets over longer records, as far as the best of them follows."""
@@ -223,7 +214,7 @@ class Search:
             fitted = fit(self.subject, choice, start=start, fractions=(0.35, 0.7, 1.0))
             if fitted.fraction == baseline.fitted.fraction and np.isfinite(fitted.chi2):
                 made.append(self._keep(fitted))
-        return sorted(made, key=lambda c: -c.any_size)
+        return sorted(made, key=lambda c: -c.log_z)
 
     def screen(self, cause: Cause) -> Screen:
         """First-order gains about a cause."""
@@ -238,28 +229,13 @@ class Search:
         return self._keep(fit(self.subject, cause.fitted.choice, start=cause.fitted.x))
 
     def look_again(self, cause: Cause) -> None:
-        """Take the responses to unknown forces about this cause, and weigh everything tried so far anew."""
+        """Take the responses to unknown forces about this cause."""
         self.known = responses(self.subject, cause.fitted)
-        for names, each in self.tried.items():
-            if each.fitted.fraction == cause.fitted.fraction:
-                self.tried[names] = self._weigh(each.fitted)
 
     def _keep(self, fitted: Fitted) -> Cause:
-        if self.known is None or next(iter(self.known.places.values())).shape[0] != fitted.r.size:
-            self.known = responses(self.subject, fitted)
-        cause = self._weigh(fitted)
+        cause = Cause(fitted, log_evidence(fitted))
         self.tried[cause.names] = cause
         return cause
-
-    def _weigh(self, fitted: Fitted) -> Cause:
-        z = log_evidence(fitted)
-        signs = z - log_evidence(replace(fitted, choice=_both_sides(fitted.choice)))
-        forces = np.concatenate([self.latent.scaled(p) for p in self.latent.forces], 1)
-        return Cause(fitted, z, evidence(fitted, forces) + signs)
-
-
-def _both_sides(choice: Choice) -> Choice:
-    return replace(choice, parameters=tuple(replace(p, lower=-np.inf) for p in choice.parameters))
 
 
 def _in_order(fitted: Fitted) -> bool:
