@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from backend.diagnose.fitted import Fitted, Seer
-from backend.diagnose.subject import Subject, wave_centres
+from backend.diagnose.subject import Subject, bumps_at
 from backend.fit.measured import AXES
 
 SIZES = np.geomspace(0.3, 3e4, 11)  # sd of a bump, in sigmas of the data that it moves
@@ -73,9 +73,7 @@ def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarra
     axes = sorted({c.coordinate for p in fitted.probes for c in p.data.channels if c.at.startswith("marker:")})
     blocks: dict[str, list[list[np.ndarray]]] = {m: [] for m in (*markers, "camera")}
     for p, white in zip(fitted.probes, seer.white, strict=True):
-        count = p.bumps.shape[1]
-        centre, spacing = wave_centres(p.duration_s, count)
-        shape = np.exp(-0.5 * ((p.since_release_s[:, None] - centre) / (0.7 * spacing)) ** 2)
+        shape = bumps_at(p.since_release_s, p.duration_s, p.bumps.shape[1])
         shape[p.data.still] = 0.0
         at = np.array([c.at for c in p.data.channels])[p.data.channel]
         axis = np.array([c.coordinate for c in p.data.channels])[p.data.channel]

@@ -129,14 +129,13 @@ def _few_sizes(count: int) -> int:
 
 def bumps(steps: int, step_s: float, duration_s: float, waves: int) -> Float[np.ndarray, "nodes waves"]:
     """Smooth bumps in time, evenly spaced over a record, as wide as 0.7 of their spacing."""
-    time = step_s * np.arange(steps + 1)
-    centre, spacing = wave_centres(duration_s, waves)
-    return np.exp(-0.5 * ((time[:, None] - centre) / (0.7 * spacing)) ** 2)
+    return bumps_at(step_s * np.arange(steps + 1), duration_s, waves)
 
 
-def wave_centres(duration_s: float, waves: int) -> tuple[np.ndarray, float]:
-    """Where in time the bumps stand, and how far apart [s]."""
-    return np.linspace(0.0, duration_s, waves), duration_s / (waves - 1)
+def bumps_at(time_s: Float[np.ndarray, " n"], duration_s: float, waves: int) -> Float[np.ndarray, "n waves"]:
+    """The same at any times since the release."""
+    centre, spacing = np.linspace(0.0, duration_s, waves), duration_s / (waves - 1)
+    return np.exp(-0.5 * ((time_s[:, None] - centre) / (0.7 * spacing)) ** 2)
 
 
 def _drivable(study: Study) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import Belief
 from backend.diagnose.fitted import Fitted
 from backend.diagnose.latent import SIZES, Latent, evidence, mean_over_sizes, posterior
-from backend.diagnose.subject import Subject, wave_centres
+from backend.diagnose.subject import Subject, bumps_at
 from backend.mechanism.gap_report import JointGap, Location, MarkerGap, Phase
 
 LOUD = 3.0  # sd: what of a missing force is told as a stretch of time
@@ -65,8 +65,7 @@ class MissingForce:
         counts = _counts(latent.places[place], fitted.rows)
         for probe, count in zip(fitted.probes, counts, strict=True):
             time = np.linspace(0.0, probe.duration_s * fitted.fraction, 200)
-            centre, spacing = wave_centres(probe.duration_s, probe.bumps.shape[1])
-            shape = np.exp(-0.5 * ((time[:, None] - centre[:count]) / (0.7 * spacing)) ** 2) * unit
+            shape = bumps_at(time, probe.duration_s, probe.bumps.shape[1])[:, :count] * unit
             part = slice(at, at + count)
             sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shape, C[part, part], shape), 0.0))
             self.series[probe.experiment.id] = (time, shape @ mean[part], sd)
