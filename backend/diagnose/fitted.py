@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
+from itertools import pairwise, product
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import logsumexp
 from scipy.stats import norm
 
 from backend.diagnose.probe import Probe
@@ -20,7 +22,7 @@ FTOL = 3e-6  # of an objective of a few thousand: a hundredth in log evidence
 @dataclass(frozen=True)
 class Fitted:
     """x: values of the choice's parameters, then each run's start. r = whitened (measured - predicted) and
-    J = d(predicted): data rows alone, run by run as `rows` says; precision: prior of x.
+    J = d(predicted): data rows alone, run by run as `rows` says; precision: prior of x. probes: as far as was fitted.
     """
 
     subject: Subject
@@ -35,6 +37,11 @@ class Fitted:
     fraction: float
     miss: float
     """Rms of (measured - predicted) in radians or mechanism lengths, outliers left out."""
+
+    @cached_property
+    def whole(self) -> tuple[Probe, ...]:
+        """The experiments to their ends."""
+        return tuple(p.choose(self.choice.ties, self.subject.neutral) for p in self.subject.fit)
 
     @property
     def count(self) -> int:
@@ -96,7 +103,7 @@ def fit(
 
 
 def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fitted:
-    probes = [p.choose(choice.ties, subject.neutral) for p in subject.fit]
+    probes = [p.choose(choice.ties, subject.neutral).first(fraction) for p in subject.fit]
     seer = Seer(subject, probes, fraction)
     few = len(choice.parameters)
     begin = choice.start
@@ -167,20 +174,33 @@ class Seer:
         return float(np.sqrt(squares / max(count, 1)))
 
 
+SHARES = 10.0 ** np.linspace(-3.0, 0.0, 7)  # of what an effect's file expects: nobody knows the size of a flaw
+
+
 def log_evidence(fitted: Fitted) -> float:
     """Laplace approximation, up to a constant that all choices for the same rows share.
 
-    A number that cannot be negative has a prior of twice the density on half of the line.
+    The sd before any data is any of `SHARES` of what the effect's file expects, each as likely: one for each of two
+    effects, a common one for more. A number that cannot be negative has twice the density on half of the line.
     """
-    H, few = fitted.information, fitted.count
+    few, own = fitted.count, fitted.choice.own
     shift = fitted.values - fitted.choice.start
-    b = fitted.J.T @ fitted.r
-    b[:few] -= shift / fitted.choice.prior_sd**2
-    step = np.linalg.lstsq(H, b, rcond=1e-14)[0]
-    cost = fitted.chi2 + float(np.sum((shift / fitted.choice.prior_sd) ** 2)) - float(b @ step)
-    z = -0.5 * cost - float(np.sum(np.log(fitted.choice.prior_sd))) - 0.5 * float(np.linalg.slogdet(H)[1])
-    sd = np.sqrt(np.maximum(np.diag(fitted.covariance)[:few], 1e-300))
-    for i, p in enumerate(fitted.choice.parameters):
-        if p.lower >= p.start:
-            z += float(norm.logcdf((shift[i] + step[i]) / sd[i]) + np.log(2.0))
-    return z
+    JJ, Jr, chi2 = fitted.J.T @ fitted.J, fitted.J.T @ fitted.r, fitted.chi2
+    members = [len(c.parameters) for c in fitted.choice.candidates]
+    apart = len(members) <= 2
+    found = []
+    for share in product(SHARES, repeat=len(members) if apart else 1):
+        sd = fitted.choice.prior_sd.copy()
+        sd[:own] *= np.repeat(share, members) if apart else share[0]
+        precision = np.concatenate([sd**-2.0, fitted.precision[few:]])
+        H, b = JJ + np.diag(precision), Jr.copy()
+        b[:few] -= shift * precision[:few]
+        step = np.linalg.lstsq(H, b, rcond=1e-14)[0]
+        cost = chi2 + float(np.sum((shift / sd) ** 2)) - float(b @ step)
+        z = -0.5 * cost - float(np.sum(np.log(sd))) - 0.5 * float(np.linalg.slogdet(H)[1])
+        wide = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H, hermitian=True))[:few], 1e-300))
+        for i, p in enumerate(fitted.choice.parameters):
+            if p.lower >= p.start:
+                z += float(norm.logcdf((shift[i] + step[i]) / wide[i]) + np.log(2.0))
+        found.append(z)
+    return float(logsumexp(found) - np.log(len(found)))

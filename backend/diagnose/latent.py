@@ -82,14 +82,17 @@ def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarra
             blocks[place].append([white(shape * (on & (axis == a))[:, None]) for a in axes if a in AXES])
     n = seer.count
     stacked = {k: _blocks(n, seer.rows, [np.concatenate(parts, 1) for parts in runs]) for k, runs in blocks.items()}
-    warp = _warp(fitted, seer, axes)
+    bent = warp(fitted, seer, axes)
     size = np.median(np.linalg.norm(stacked["camera"], axis=0))
-    stacked["camera"] = np.concatenate([stacked["camera"], warp * size / np.linalg.norm(warp, axis=0)], 1)
+    stacked["camera"] = np.concatenate([stacked["camera"], bent * size / np.linalg.norm(bent, axis=0)], 1)
     return stacked if len(markers) > 1 else {"camera": stacked["camera"]}
 
 
-def _warp(fitted: Fitted, seer: Seer, axes: Sequence[str]) -> Float[np.ndarray, "n terms"]:
-    """Shifts that depend on where in the picture a point is: cubics in its predicted place, the same at all times."""
+def warp(fitted: Fitted, seer: Seer, axes: Sequence[str], of: str | None = None) -> Float[np.ndarray, "n terms"]:
+    """Shifts that depend on where in the picture a point is: cubics in its predicted place, the same at all times.
+
+    of: one marker alone (`marker:ID`).
+    """
     seen = []
     for i, p in enumerate(fitted.probes):
         value = np.nan_to_num(p.predict(fitted.values, fitted.own(i))[0])  # measured places would carry their own noise
@@ -108,7 +111,7 @@ def _warp(fitted: Fitted, seer: Seer, axes: Sequence[str]) -> Float[np.ndarray, 
         u = np.nan_to_num((places - middle) / reach)
         powers = [a for a in np.ndindex(*(4,) * len(axes)) if sum(a) <= 3]
         terms = np.stack([np.prod(u ** np.array(a), axis=1) for a in powers], 1)
-        marker = np.array([c.at.startswith("marker:") for c in p.data.channels])[p.data.channel]
+        marker = np.array([c.at == of if of else c.at.startswith("marker:") for c in p.data.channels])[p.data.channel]
         axis = np.array([c.coordinate for c in p.data.channels])[p.data.channel]
         columns.append(np.concatenate([white(terms * (marker & (axis == a))[:, None]) for a in axes], 1))
     made = np.concatenate(columns)
@@ -116,6 +119,7 @@ def _warp(fitted: Fitted, seer: Seer, axes: Sequence[str]) -> Float[np.ndarray, 
 
 
 def _blocks(n: int, rows: Sequence[slice], parts: Sequence[np.ndarray]) -> np.ndarray:
+    """(n, columns): one block a run, each with columns of its own."""
     made, at = np.zeros((n, sum(p.shape[1] for p in parts))), 0
     for r, p in zip(rows, parts, strict=True):
         made[r, at : at + p.shape[1]] = p
@@ -157,11 +161,20 @@ def posterior(fitted: Fitted, L: Float[np.ndarray, "n bumps"], s: float) -> tupl
     return (C @ (A.T @ fitted.r))[k:], C[k:, k:]
 
 
-def omnibus(fitted: Fitted, L: Float[np.ndarray, "n bumps"], rng: np.random.Generator) -> float:
-    """Probability of as large a ‖L' P⊥ r‖² from noise alone: a weighted sum of chi-squares."""
-    H = np.linalg.pinv(fitted.information, hermitian=True)
-    JL = fitted.J.T @ L
-    score = L.T @ fitted.r - JL.T @ (H @ (fitted.J.T @ fitted.r))
+def omnibus(
+    r: Float[np.ndarray, " n"],
+    J: Float[np.ndarray, "n x"],
+    precision: Float[np.ndarray, " x"],
+    L: Float[np.ndarray, "n bumps"],
+    rng: np.random.Generator,
+) -> float:
+    """Probability of as large a ‖L' P⊥ r‖² from noise alone: a weighted sum of chi-squares.
+
+    J, precision: slopes of what is known up to a prior, which P⊥ takes out.
+    """
+    H = np.linalg.pinv(J.T @ J + np.diag(precision), hermitian=True)
+    JL = J.T @ L
+    score = L.T @ r - JL.T @ (H @ (J.T @ r))
     spectrum = np.linalg.eigvalsh(L.T @ L - JL.T @ H @ JL)
     spectrum = spectrum[spectrum > 1e-9 * spectrum.max()]
     statistic = float(score @ score)

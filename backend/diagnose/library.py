@@ -123,8 +123,11 @@ def _expected(effect: type[AbstractEffect]) -> bool:
 def library(
     mechanism: Mechanism, family: str, tolerances: Sequence[Tolerance] = (), without: frozenset[str] = frozenset()
 ) -> Library:
-    """Everything smooth, and one further family beside it, with the study's tolerances."""
-    kinds = families(without)
+    """Everything smooth, and one further family beside it, with the study's tolerances.
+
+    without: kinds that are no candidates. The model keeps them, absent, and its compiled program serves all the same.
+    """
+    kinds = families()
     wanted = kinds[SMOOTH] if family == SMOOTH else (*kinds[SMOOTH], *kinds[family])
     found: list[FreeParameter] = []
     added: dict[str, Effect] = {}
@@ -159,10 +162,8 @@ def library(
     neutral = tuple(tight if p.kind in loose_pins and p.name not in known else p.start for p in found)
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
     nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
-    return Library(
-        family, parameters, tuple(added.values()), tuple(_candidates(mechanism, wanted, as_causes, found, tries)),
-        nuisances, neutral,
-    )  # fmt: skip
+    candidates = tuple(c for c in _candidates(mechanism, wanted, as_causes, found, tries) if c.kind not in without)
+    return Library(family, parameters, tuple(added.values()), candidates, nuisances, neutral)
 
 
 def _can_be_built(mechanism: Mechanism, added: dict[str, Effect]) -> bool:

@@ -53,7 +53,7 @@ def _apart(subject: Subject, a: Cause, b: Cause, probe: Probe, direction: int, r
     seen, slopes = [], np.zeros(0)
     white = subject.noise.whitening(probe.data, 0, 1.0, scale)
     for cause in (a, b):
-        value, slope = cause.fitted.probes[0].predict(cause.fitted.values, own)
+        value, slope = cause.fitted.whole[0].predict(cause.fitted.values, own)
         seen.append(value)
         slopes = slope[:, cause.fitted.count :]
     if not all(np.all(np.isfinite(s)) for s in seen):

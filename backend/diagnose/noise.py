@@ -20,6 +20,7 @@ ENOUGH = 60  # static samples of one kind of channel: its sd is then known to a 
 ALIKE = 1.7  # channels whose noise differs by less share one estimate
 RARE = 3e-5  # probability of a good sample to be missed so far by a cubic through its neighbours
 ROUNDS = 8
+FAR = 5.0  # robust sd of still frames
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ def estimate(data: Sequence[Measured]) -> Noise:
         ]
         if sum(rows.size for *_, rows in still) < ENOUGH:
             continue
+        still = _calm(data, keep, still)
         series = [data[i].value[rows] - data[i].value[rows].mean() for i, _, rows in still]
         a = memory[kind] = _memory(series)
         names = {data[i].channels[c].at + data[i].channels[c].coordinate for i, c, _ in still}
@@ -100,6 +102,25 @@ def estimate(data: Sequence[Measured]) -> Noise:
                 if kind_of(channel.at) == kind and channel.noise != "given":
                     sigma[i][d.channel == c] = shared if alike else own.get(_name(d, c), shared)
     return Noise(tuple(sigma), memory, keep)
+
+
+def _calm(data: Sequence[Measured], keep: Sequence[np.ndarray], still: list) -> list:
+    """Still frames of each channel without those that stand far from the rest, which no longer count: at the ends of a
+    record no neighbours tell a wrong sample.
+    """
+    away = [np.abs(data[i].value[rows] - np.median(data[i].value[rows])) for i, _, rows in still]
+    made = []
+    for (i, c, rows), mine in zip(still, away, strict=True):
+        alike = [a for a, (j, d, _) in zip(away, still, strict=True) if _name(data[j], d) == _name(data[i], c)]
+        width = 1.4826 * float(np.median(np.concatenate(alike)))
+        good = mine <= FAR * width if width > 0 else np.ones(rows.size, bool)
+        if good.sum() >= 5:
+            at = [d for d, channel in enumerate(data[i].channels) if channel.at == data[i].channels[c].at]
+            wrong = np.isin(data[i].time_s, data[i].time_s[rows[~good]]) & np.isin(data[i].channel, at)
+            keep[i][wrong & data[i].still] = False
+    for i, c, rows in still:
+        made.append((i, c, rows[keep[i][rows]]))
+    return [m for m in made if m[2].size >= 5]
 
 
 def _name(data: Measured, channel: int) -> str:

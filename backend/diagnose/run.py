@@ -12,13 +12,15 @@ import numpy as np
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, softness, weigh
 from backend.diagnose.fitted import log_evidence
-from backend.diagnose.latent import Latent
+from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.library import SMOOTH, families, library
 from backend.diagnose.next_experiment import next_experiment
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
 from backend.diagnose.subject import Subject, prepare
 from backend.diagnose.switch import passed
+from backend.diagnose.unknown import unknown_evidence
+from backend.diagnose.unseen import left_unseen
 from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Cause, Search
@@ -33,6 +35,10 @@ IN_THE_PICTURE = 0.99  # probability of the camera beyond which no effect that s
 LOUD = 0.25  # noise variances a sample: what must be left for a third effect to be sought
 BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
+STRICT = 1e-3  # p of what is left on held-out experiments, below which it is no chance
+WIDE = 1e4  # noise variances a sample: a gap that large counts no more
+IN_REACH = 0.3  # of what is left: less than the whole library could take is not worth a search for sets
+DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
 SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
@@ -142,6 +148,9 @@ class _Inquiry:
                 self.scale = max(1.0, min(judged.noise, 1.5))
             if self.enough(judged) or depth == DEEPEST or self.cancelled() or self.little(top, judged, at_base, depth):
                 break
+            if self.out_of_reach(top, judged):
+                self.tell("nothing smooth in the library could take what is left")
+                break
             level = self.search.level(leaders[:LEADERS], PARTNERS)
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
@@ -201,6 +210,12 @@ class _Inquiry:
             return left < SMALL**2 * at_base.excess and left * top.fitted.r.size < BARE
         return left < LOUD
 
+    def out_of_reach(self, top: Cause, judged: Adequacy) -> bool:
+        """Whether all candidates together, to first order, would leave most of what is left."""
+        if top.fitted.fraction < 1.0:
+            return False
+        return self.search.screen(top).ceiling() < IN_REACH * judged.excess * top.fitted.r.size
+
     def leaders(self, level: Sequence[Cause]) -> list[Cause]:
         """Most probable first, among those that follow the longest part of the records."""
         longest = max((c.fitted.fraction for c in level), default=1.0)
@@ -241,9 +256,12 @@ class _Inquiry:
         shrunk = shrinkage(first, after, self.rng) if first else None
         small = max(last.excess, 0.0) < SMALL**2 * max(at_base.excess, 0.0) and baseline.fitted.fraction == 1.0
         fits = self.enough(last) or small
+        left, drawn = left_unseen(best.fitted, self.scale), left_unseen(baseline.fitted, self.scale)
+        if left is not None and drawn is not None:
+            self.tell(f"on held-out experiments {left.excess:.3g} of the noise's power is left, p {left.p:.2g}")
+            slight = left.excess < SMALL**2 * np.clip(drawn.excess, 0.0, WIDE)
+            fits = fits and (left.p > STRICT or slight or (shrunk is not None and self.tolerated(shrunk)))
         if shrunk is not None and shrunk.explained is not None:
-            level = (SMALL * shrunk.before) ** 2 + (0.5 * shrunk.noise) ** 2
-            fits = fits and (shrunk.excess_upper**2 < 4.0 * level or self.tolerated(shrunk))
             removed = shrunk.explained
         else:
             removed = 1.0 - max(last.excess, 0.0) / max(at_base.excess, 1e-12)
@@ -263,15 +281,21 @@ class _Inquiry:
         """Probabilities, pictures' material and the report."""
         self.tell("weighing the explanations")
         soft = 1.0 if verdict in ("none", "identified") else softness(scaled(best.fitted, self.scale))
+        if best.candidates:
+            raw = forces(best.fitted.subject, best.fitted)
+            near = responses(best.fitted.subject, best.fitted, raw)
+            model_free = unknown_evidence(best.fitted, near, raw, self.scale / np.sqrt(soft))
         causes = [c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == best.fitted.fraction]
         same = baseline if baseline.fitted.fraction == best.fitted.fraction else None
         unknown = None
-        if same is not None and verdict != "approximate":
+        if model_free:
             z = np.array(list(model_free.values()))
             unknown = float(np.log(np.mean(np.exp(z - z.max()))) + z.max())
         count = len(self.subject.library.candidates)
         belief = weigh(same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown)
         shrunk = shrinkage(first, after, self.rng) if first else None
+        if ((verdict == "identified" and self.enough(last)) or verdict == "approximate") and belief.unknown > DOUBT:
+            verdict = "unknown"
         if verdict == "identified" and len(belief.reported) > 1:
             verdict = "ambiguous"
         free = shares(model_free)

@@ -60,6 +60,16 @@ class Screen:
         gains = [(c, self.gain(c)) for c in candidates]
         return sorted(gains, key=lambda pair: -pair[1])
 
+    def ceiling(self) -> float:
+        """What all candidates together would gain to first order: no set of them gains more."""
+        sd = np.zeros(self.S.shape[1])
+        for c in self.subject.library.candidates:
+            for take, own in zip(c.takes, c.prior_sd, strict=True):
+                sd[list(take)] = np.maximum(sd[list(take)], own)
+        S = self.S[:, sd > 0] * sd[sd > 0]
+        b = S.T @ self.r
+        return float(b @ np.linalg.solve(S.T @ S + np.eye(len(b)), b))
+
     def detectable(self, candidate: Candidate) -> Float[np.ndarray, " own"]:
         """Smallest amplitude of each number that would stand out of the noise, at four of its sd."""
         S = self.signature(candidate)

@@ -25,6 +25,7 @@ from backend.model.model import Address, Model
 
 UNKNOWN = "unknown@"  # ids of the drives that stand for what is not in the library
 WAVES = (12, 48)  # fewest and most bumps in time of an unknown drive
+FEW_WAVES = (4, 8, 12, 16, 24, 32, 48)  # of which each is a program of its own
 PER_TIME = 1.6  # natural times between bumps
 ALL_WAVES = 512  # joints times bumps
 Item = TypeVar("Item")
@@ -108,7 +109,7 @@ def prepare(study: Study, library: Library, step_s: float, noise: tuple[Noise, N
     fit, held = [probe(e) for e in study.fit], [probe(e) for e in study.held_out]
     frame = tuple(_few_sizes(max(sizes)) for sizes in zip(*(p.frame for p in (*fit, *held)), strict=True))
     waves = int(np.clip(max(p.duration_s for p in fit) / (PER_TIME * model.scale.time_s), *WAVES))
-    waves = max(min(waves, ALL_WAVES // max(len(joints), 1)), 4)
+    waves = max(n for n in FEW_WAVES if n <= max(min(waves, ALL_WAVES // max(len(joints), 1)), FEW_WAVES[0]))
     for p in (*fit, *held):
         p.neutral, p.bumps = neutral, bumps(frame[0], step_s, p.duration_s, waves)
         setting = p.framed(*frame)
@@ -123,8 +124,10 @@ def prepare(study: Study, library: Library, step_s: float, noise: tuple[Noise, N
 
 
 def _few_sizes(count: int) -> int:
-    """Rounded up to a power of the root of two, so that studies of one mechanism share compiled programs."""
-    return int(np.ceil(2.0 ** (np.ceil(2.0 * np.log2(max(count, 64)) - 1e-9) / 2.0)))
+    """Rounded up to a power of two, so that studies of one mechanism share compiled programs; steps after the last
+    sample are not taken.
+    """
+    return int(2 ** np.ceil(np.log2(max(count, 64)) - 1e-9))
 
 
 def bumps(steps: int, step_s: float, duration_s: float, waves: int) -> Float[np.ndarray, "nodes waves"]:

@@ -105,8 +105,9 @@ def _chances(verdict: Verdict, belief: Belief, shrunk: Shrinkage | None) -> tupl
         return 0.0, max(belief.unknown, AT_LEAST_UNKNOWN), belief.probability
     if verdict == "approximate":
         left = 1.0 - shrunk.explained if shrunk and shrunk.explained is not None else 0.1
-        return 0.0, float(np.clip(np.sqrt(max(left, 0.0)), 0.1, APPROXIMATE_UNKNOWN)), belief.probability
-    return min(belief.none, 0.5), min(max(belief.unknown, 0.005), 0.5), belief.probability
+        least = float(np.clip(np.sqrt(max(left, 0.0)), 0.1, APPROXIMATE_UNKNOWN))
+        return 0.0, max(belief.unknown, least), belief.probability
+    return min(belief.none, 0.5), max(belief.unknown, 0.005), belief.probability
 
 
 def _effects(cause: Cause, scale: float, softness: float) -> list[CauseEffect]:
@@ -141,7 +142,7 @@ def _fit_remainder(subject: Subject, baseline: Cause, best: Cause, scale: float)
 def _rms(subject: Subject, fitted: Fitted, scale: float) -> tuple[float, float]:
     miss, noise, count = 0.0, 0.0, 0
     unit = _unit(subject)
-    for i, probe in enumerate(fitted.probes):
+    for i, probe in enumerate(fitted.whole):
         seen, _ = probe.predict(fitted.values, fitted.own(i))
         units = np.array([c.unit for c in probe.data.channels])[probe.data.channel]
         rows = subject.noise.keep[i] & ~probe.data.still & (units == unit) & np.isfinite(seen)

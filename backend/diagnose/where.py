@@ -111,7 +111,7 @@ def joint_gaps(subject: Subject, fitted: Fitted, scale: float) -> list[JointGap]
 
 def _channel_gaps(subject: Subject, fitted: Fitted, kind: str, scale: float):
     sums: dict[str, list] = {}
-    for i, probe in enumerate(fitted.probes):
+    for i, probe in enumerate(fitted.whole):
         seen, _ = probe.predict(fitted.values, fitted.own(i))
         keep = subject.noise.keep[i] & ~probe.data.still & np.isfinite(seen)
         for c, channel in enumerate(probe.data.channels):

@@ -272,6 +272,8 @@ class Sight(eqx.Module):
     v_WP: Float[Array, "*batch 3"]
     time_s: Float[Array, "*batch"]
     """Since the stated release [s]."""
+    began_s: Float[Array, ""]
+    """First frame of the record, counted alike."""
 
 
 class AbstractView(AbstractEffect):

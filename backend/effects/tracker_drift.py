@@ -9,7 +9,7 @@ from backend.effects.shapes import AbstractView, across
 class TrackerDrift(AbstractView):
     """The tracker slides off the marker in the course of time, along the two world axes across the line of sight.
 
-    It is right at the stated release.
+    It is right in the first frame, where it was put on the marker.
     """
 
     kind = "tracker_drift"
@@ -24,4 +24,5 @@ class TrackerDrift(AbstractView):
     def view(self, sight, camera):
         """In proportion to time."""
         first, second = across(camera.axis)
-        return sight.p_WP + sight.time_s[..., None] * (self.x_m_per_s * first + self.z_m_per_s * second)
+        since = (sight.time_s - sight.began_s)[..., None]
+        return sight.p_WP + since * (self.x_m_per_s * first + self.z_m_per_s * second)

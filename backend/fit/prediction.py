@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, lax
 from jaxtyping import Float, Int
 
 from backend.effects.shapes import (
@@ -63,6 +63,7 @@ class Setting(eqx.Module):
 
 
 SEEING = (AbstractBaseMotion, AbstractShutter, AbstractView)  # what parts a marker from where it is reported
+LATEST_ROW_S = 0.05  # no camera reads its rows out more slowly
 HALVINGS = 8  # times a step may be cut in two where parts strike each other
 
 Addresses = tuple[tuple[Address, ...], ...]
@@ -91,11 +92,14 @@ def predict(
     coordinates, rates = x[len(addresses) : len(addresses) + m], x[len(addresses) + m :]
     start = begin(setting, model, made, coordinates, rates)
     record = known_drives(setting, model, made, step_s)
-    motion = rollout(made, start, step_s, setting.steps, record, HALVINGS if _strikes(made) else 0)
-    value, slope = columns(model, made, motion)
     marker, axis = _marker_of(model, setting.column)
     time = clock(model, setting.since_release_s, marker)
     moved = time - made.held_s
+    slack = LATEST_ROW_S if model.of(AbstractShutter) else 0.0
+    until = jnp.ceil((jnp.max(lax.stop_gradient(moved)) + slack) / step_s).astype(int) + 2
+    halvings = HALVINGS if _strikes(made) else 0
+    motion = rollout(made, start, step_s, setting.steps, record, halvings, jnp.clip(until, 1, setting.steps))
+    value, slope = columns(model, made, motion)
     seen = hermite(value + setting.turns, slope, step_s, moved, setting.column)
     if model.marker_ids and any(model.of(shape) for shape in SEEING):
         there = setting.column - axis
@@ -103,7 +107,7 @@ def predict(
         def sight(time: Float[Array, " samples"]) -> Sight:
             each = [hermite_rate(value, slope, step_s, time - made.held_s, there + i) for i in range(3)]
             path, rate = (jnp.stack(parts, -1) for parts in zip(*each, strict=True))
-            return Sight(path, rate, time)
+            return Sight(path, rate, time, jnp.min(setting.since_release_s))
 
         late = shutter(model, sight(time), marker)
         time, moved = time + late, moved + late
@@ -269,7 +273,7 @@ def look(
         pose = reference.advance(jnp.einsum("bim,m->bi", motions, coordinates))
         q = kinematics.coordinates(made, kinematics.bodies(made, pose))
         points, marker = marker_positions(model, made, pose), jnp.arange(len(model.marker_ids))
-        still = Sight(points, jnp.zeros_like(points), jnp.zeros(len(model.marker_ids)))
+        still = Sight(points, jnp.zeros_like(points), jnp.zeros(len(model.marker_ids)), jnp.zeros(()))
         return jnp.concatenate([q, view(model, still, marker).reshape(-1)])
 
     zero = jnp.zeros(motions.shape[-1])

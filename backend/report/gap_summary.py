@@ -83,7 +83,7 @@ def _fitted(found: Diagnosis) -> list[list[Channel]]:
     noise, made = found.subject.noise, []
     for i, probe in enumerate(found.subject.fit):
         before, after = (
-            c.fitted.probes[i].predict(c.fitted.values, c.fitted.own(i))[0] for c in (found.baseline, found.best)
+            c.fitted.whole[i].predict(c.fitted.values, c.fitted.own(i))[0] for c in (found.baseline, found.best)
         )
         made.append(_channels(probe, before, after, found.scale * noise.sigma[i], noise.keep[i]))
     return made

@@ -117,16 +117,19 @@ def rollout(
     steps: int,
     record: Record | None = None,
     halvings: int = 0,
+    until: Int[Array, ""] | None = None,
 ) -> Trajectory:
     """Move for `steps` steps of `step_s` seconds.
 
-    record: known drives, sampled on the steps (see `record.on_steps`).  A step that cannot be solved is cut in two, up
-    to `halvings` times (0 where derivatives backwards in time are wanted); after that the motion freezes and `lost` is
-    set from there on, so that one jammed sample never spoils a batch.
+    record: known drives, sampled on the steps (see `record.on_steps`).  until: a node after which nobody looks: the
+    motion ends there, the nodes behind it repeat it, and no time is spent on them (forward derivatives only).
+    A step that cannot be solved is cut in two, up to `halvings` times (0 where derivatives backwards in time are
+    wanted); after that the motion freezes and `lost` is set from there on, so that one jammed sample never spoils a
+    batch.
     """
     # One step more than asked: a node's velocity needs the step that follows it.
     carry = (depart(system, start), jnp.zeros((), dtype=bool))
-    _, seen = march(system, carry, step_s, steps + 1, record, halvings)
+    _, seen = march(system, carry, step_s, steps + 1, record, halvings, until)
     return trajectory(seen, step_s)
 
 
@@ -141,8 +144,9 @@ def march(
     steps: int,
     record: Record | None,
     halvings: int = 0,
+    until: Int[Array, ""] | None = None,
 ) -> tuple[tuple[Motion, Array], Seen]:
-    """Some steps from where a motion stands; the carry is the motion and whether it is lost."""
+    """Some steps from where a motion stands; the carry is the motion and whether it is lost. until: see `rollout`."""
 
     def advance(carry: tuple[Motion, Array], drives: Array | None) -> tuple[tuple[Motion, Array], Seen]:
         motion, lost = carry
@@ -157,7 +161,19 @@ def march(
         kept = jax.tree.map(lambda old, new: jnp.where(gone, old, new), motion, after)
         return (kept, gone), seen._replace(lost=gone)
 
-    return lax.scan(advance, carry, None if record is None else record.values, length=steps)
+    if until is None:
+        return lax.scan(advance, carry, None if record is None else record.values, length=steps)
+
+    def onward(k: Array, now: tuple[tuple[Motion, Array], Seen]) -> tuple[tuple[Motion, Array], Seen]:
+        carry, every = now
+        carry, seen = advance(carry, None if record is None else record.values[k])
+        return carry, jax.tree.map(lambda all_, one: all_.at[k].set(one), every, seen)
+
+    node = jax.eval_shape(advance, carry, None if record is None else record.values[0])[1]
+    room = jax.tree.map(lambda one: jnp.zeros((steps, *one.shape), one.dtype), node)
+    carry, seen = lax.fori_loop(0, jnp.minimum(until + 1, steps), onward, (carry, room))
+    behind = jnp.minimum(jnp.arange(steps), until)
+    return carry, jax.tree.map(lambda all_: all_[behind], seen)
 
 
 def shaken(system: System, time_s: Array) -> System:

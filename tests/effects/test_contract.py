@@ -184,7 +184,7 @@ def test_a_friction_limit_asks_how_fast_and_not_which_way_and_is_never_negative(
 
 
 CAMERA = Camera(jnp.array([0.0, 0.0, 1.0]), jnp.array([0.0, -1.0, 0.0]), jnp.array([0.1, 0.2, 0.0]), jnp.ones(()))
-SIGHT = Sight(*np.random.default_rng(1).standard_normal((2, 4, 3)), np.linspace(-0.1, 1.0, 4))
+SIGHT = Sight(*np.random.default_rng(1).standard_normal((2, 4, 3)), np.linspace(-0.1, 1.0, 4), np.array(-0.2))
 
 
 @pytest.mark.parametrize("kind", of(AbstractView))

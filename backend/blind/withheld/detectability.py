@@ -25,7 +25,10 @@ FITTED = 2  # rivals that are fitted, at most
 ROUNDS = 3
 TANGENT = 0.003  # of the truth: a step along its own way
 # Rivals wherever the truth lies: a hinge at the ground and the link it carries name the same friction or inertia.
-EVERYWHERE = ("viscous_friction", "effort_offset", "linear_drag", "rotor_inertia", "inertia_error")
+EVERYWHERE = (
+    "viscous_friction", "coulomb_friction", "effort_offset", "linear_drag", "rotor_inertia", "inertia_error",
+    "torsion_spring",
+)  # fmt: skip
 PLANAR = {"center_of_mass_error": "centre", "marker_offset": "shifted", "tracker_drift": "drift"}
 # No slope at zero, or more numbers than a rival of one kind should be allowed.
 WITHOUT_SLOPE = ("joint_stop", "clearance", "base_motion", "stribeck_friction")

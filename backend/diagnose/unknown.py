@@ -1,0 +1,155 @@
+"""How probable it is that something outside the library causes the gap: a law of unknown form at one place.
+
+At a joint, a force that depends on where the joint is, how fast it moves and how fast it speeds up, the same in every
+experiment; of a marker or the whole picture, a shift that depends on where it is seen, or a clock that runs unevenly;
+or, with no law at all, forces and shifts against time. Each is a handful of columns with sizes that are not known
+beforehand, and pays for them in evidence as every cause does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import logsumexp
+
+from backend.diagnose.adequacy import scaled
+from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.latent import Latent, evidence, mean_over_sizes, warp
+from backend.diagnose.subject import bumps_at
+
+CREEP = 0.05  # of the fastest speed: where a law may turn over as dry friction does
+CLOCK = 3  # powers of time by which a clock may run wrong
+RIDGE = 1e-6
+HATS = 10  # bumps over what a joint passes through, or over its speeds
+
+
+def unknown_evidence(
+    fitted: Fitted, latent: Latent, raw: Sequence[Float[np.ndarray, "samples joints waves"]], scale: float
+) -> dict[str, float]:
+    """Log evidence of something unknown at each place instead of a fit's causes, by place.
+
+    raw: responses to forces about the fit's own motion. The causes' share of the motion is put back, to first order
+    about that motion, and the unknown has to account for it.
+    """
+    bare = scaled(without_causes(fitted), scale)
+    laws = laws_of(fitted, raw)
+    found = {}
+    for place in dict.fromkeys([*latent.places, *laws]):
+        ways = []
+        for few, L in laws.get(place, ()):
+            ways.append(_law_evidence(bare, L / scale, few))
+        if place in latent.places:
+            ways.append(mean_over_sizes(evidence(bare, latent.scaled(place) / scale)))
+        found[place] = float(logsumexp(ways) - np.log(len(ways)))
+    return found
+
+
+def _law_evidence(bare: Fitted, L: Float[np.ndarray, "n terms"], few: bool) -> float:
+    """Of a law of all terms; few: or of one of them, or of two, whichever they are."""
+    L, terms = L / np.maximum(np.linalg.norm(L, axis=0), 1e-300), range(L.shape[1])
+    ways = [[list(terms)]]
+    if few:
+        ways += [[[k] for k in terms], [list(two) for two in combinations(terms, 2)]]
+    each = [
+        logsumexp([mean_over_sizes(evidence(bare, L[:, some])) for some in way]) - np.log(len(way))
+        for way in ways if way
+    ]  # fmt: skip
+    return float(logsumexp(each) - np.log(len(each)))
+
+
+def without_causes(fitted: Fitted) -> Fitted:
+    """The same motion and slopes, with what the causes do left unexplained."""
+    own, choice = fitted.choice.own, fitted.subject.choose()
+    kept = [p.name for p in choice.parameters]
+    names = [p.name for p in fitted.choice.parameters]
+    shift = fitted.values[:own] - fitted.choice.start[:own]
+    r, rest = fitted.r + fitted.J[:, :own] @ shift, fitted.J[:, own:]
+    x, precision = fitted.x[own:], fitted.precision[own:]
+    if missing := [i for i, n in enumerate(kept) if n not in names[own:]]:  # tolerances that a cause had taken
+        at = [names.index(kept[i]) for i in missing]
+        for i, j in zip(missing, at, strict=True):
+            column = fitted.J[:, j]
+            r = r - column * shift[j]
+            rest, x = np.insert(rest, i, column, axis=1), np.insert(x, i, fitted.x[j])
+            precision = np.insert(precision, i, choice.prior_sd[i] ** -2.0)
+    return replace(fitted, choice=choice, x=x, r=r, J=rest, precision=precision)
+
+
+def laws_of(
+    fitted: Fitted, raw: Sequence[Float[np.ndarray, "samples joints waves"]]
+) -> dict[str, list[tuple[bool, Float[np.ndarray, "n terms"]]]]:
+    """Whitened responses to the terms of laws at each place, and whether a law may have a few of them alone."""
+    subject, probes = fitted.subject, fitted.probes
+    seer = Seer(subject, probes, fitted.fraction)
+    made: dict[str, list[tuple[bool, np.ndarray]]] = {}
+    paths = [_path(fitted, i) for i in range(len(probes))]
+    for j, id in enumerate(subject.joints):
+        forms = _forms([t for t, _ in paths], [q[:, j] for _, q in paths])
+        for few, shapes in forms:
+            columns = []
+            for p, white, (time, _), shape, response in zip(probes, seer.white, paths, shapes, raw, strict=True):
+                B = bumps_at(time, p.duration_s, p.bumps.shape[1])
+                G = B.T @ B
+                sizes = np.linalg.solve(G + RIDGE * np.trace(G) / len(G) * np.eye(len(G)), B.T @ shape)
+                columns.append(white(response[:, j] @ sizes))
+            made.setdefault(f"joint:{id}", []).append((few, np.concatenate(columns)))
+    axes = sorted({c.coordinate for p in probes for c in p.data.channels if c.at.startswith("marker:")})
+    if axes:
+        markers = sorted({c.at for p in probes for c in p.data.channels if c.at.startswith("marker:")})
+        made["camera"] = [(True, np.concatenate([warp(fitted, seer, axes), _clock(fitted, seer)], 1))]
+        if len(markers) > 1:
+            made |= {m: [(True, warp(fitted, seer, axes, m))] for m in markers}
+    return {k: [(few, L) for few, L in forms if L.shape[1] and np.linalg.norm(L) > 0] for k, forms in made.items()}
+
+
+def _path(fitted: Fitted, i: int) -> tuple[Float[np.ndarray, " times"], Float[np.ndarray, "times joints"]]:
+    probe, subject = fitted.probes[i], fitted.subject
+    q = probe.coordinates(fitted.values, fitted.own(i))
+    ids = subject.model.topology.joint_ids
+    return np.linspace(0.0, probe.duration_s, len(q)), q[:, [ids.index(j) for j in subject.joints]]
+
+
+def _forms(
+    times: Sequence[np.ndarray], q: Sequence[np.ndarray]
+) -> list[tuple[bool, list[Float[np.ndarray, "times terms"]]]]:
+    """Terms of three kinds of law, in units of their own reach over the experiments: a few powers of position, speed
+    and acceleration; any smooth function of position; any of speed.
+    """
+    v = [np.gradient(x, t) for t, x in zip(times, q, strict=True)]
+    a = [np.gradient(x, t) for t, x in zip(times, v, strict=True)]
+    every = np.concatenate(q)
+    middle = 0.5 * (float(every.max()) + float(every.min()))
+    reach = [max(float(np.abs(np.concatenate(u) - m).max()), 1e-300) for u, m in ((q, middle), (v, 0.0), (a, 0.0))]
+    powers, place, speed = [], [], []
+    for x, y, z in zip(q, v, a, strict=True):
+        x, y, z = (x - middle) / reach[0], y / reach[1], z / reach[2]
+        powers.append(np.stack([x**0, x, x**2, x**3, y, y * np.abs(y), np.tanh(y / CREEP), x * y, z], 1))
+        place.append(_hats(x))
+        speed.append(np.concatenate([_hats(y), np.tanh(y / CREEP)[:, None]], 1))
+    return [(True, powers), (False, place), (False, speed)]
+
+
+def _hats(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n hats"]:
+    """Bumps over -1 to 1, as wide as 0.7 of their spacing."""
+    centre = np.linspace(-1.0, 1.0, HATS)
+    return np.exp(-0.5 * ((x[:, None] - centre) * (HATS - 1) / 1.4) ** 2)
+
+
+def _clock(fitted: Fitted, seer: Seer) -> Float[np.ndarray, "n powers"]:
+    """Shifts along the motion by powers of time."""
+    columns = []
+    for i, (p, white) in enumerate(zip(fitted.probes, seer.white, strict=True)):
+        value = np.nan_to_num(p.predict(fitted.values, fitted.own(i))[0])
+        rate = np.zeros_like(value)
+        for c in range(len(p.data.channels)):
+            rows = np.flatnonzero(p.data.channel == c)
+            if rows.size > 1:
+                rate[rows] = np.gradient(value[rows], p.data.time_s[rows])
+        rate[p.data.still] = 0.0
+        share = p.since_release_s / p.duration_s
+        columns.append(white(rate[:, None] * share[:, None] ** np.arange(CLOCK)))
+    return np.concatenate(columns)

@@ -1,0 +1,109 @@
+"""Whether a cause leaves anything smooth behind on experiments that it was not fitted to.
+
+The values stay where the fit left them, as uncertain as it said; each start is what the record itself allows. What is
+then left must be noise: no smooth shift of any marker, and no smooth path of any encoder, may explain it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import block_diag
+from scipy.stats import chi2
+
+from backend.diagnose.fitted import Fitted
+from backend.diagnose.noise import Whitening
+from backend.diagnose.probe import Probe
+from backend.diagnose.subject import bumps_at
+
+ROUNDS = 3  # of Gauss-Newton for a start
+STRAY = 4.3  # sd: a sample that nothing smooth explains
+RANK = 1e-7  # of the largest eigenvalue
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left on held-out experiments. p: of as much from noise alone. excess: power of what smooth shifts still
+    explain [noise variances per sample].
+    """
+
+    p: float
+    excess: float
+
+
+def left_unseen(fitted: Fitted, scale: float) -> Left | None:
+    """Of all held-out experiments together; None where there are none. scale: of all sigmas."""
+    subject, few = fitted.subject, fitted.count
+
+    def one(i: int) -> tuple[np.ndarray, ...] | None:
+        probe = subject.held_out[i].choose(fitted.choice.ties, subject.neutral)
+        white = subject.held_noise.whitening(probe.data, i, 1.0, scale)
+        own = _start(probe, white, fitted.values)
+        seen, slope = probe.predict(fitted.values, own)
+        if not np.all(np.isfinite(seen[white.keep])):
+            return None
+        J = white(slope)
+        return white(probe.data.value - seen), J[:, :few], J[:, few:], _shapes(probe, white)
+
+    made = subject.over(one, range(len(subject.held_out)))
+    if not made:
+        return None
+    if any(m is None for m in made):
+        return Left(0.0, np.inf)
+    r, values, starts, shapes = zip(*(m for m in made if m is not None), strict=True)
+    return _judged(np.concatenate(r), _columns(fitted, values, scale), block_diag(*starts), block_diag(*shapes))
+
+
+def _start(probe: Probe, white: Whitening, values: np.ndarray) -> np.ndarray:
+    own = probe.settle(values)
+    lower, upper = probe.bounds()
+    for _ in range(ROUNDS if own.size else 0):
+        seen, slope = probe.predict(values, own)
+        r = np.clip(np.nan_to_num(white(probe.data.value - seen)), -10.0, 10.0)
+        step = np.linalg.lstsq(white(np.nan_to_num(slope))[:, values.size :], r, rcond=1e-12)[0]
+        own = np.clip(own + step, lower, upper)
+    return own
+
+
+def _columns(fitted: Fitted, slopes: Sequence[np.ndarray], scale: float) -> Float[np.ndarray, "n few"]:
+    """Slopes in the values, in units of what the fit leaves uncertain."""
+    few = fitted.count
+    w, V = np.linalg.eigh(fitted.covariance[:few, :few])
+    return np.concatenate(slopes) @ (V * np.sqrt(np.maximum(w, 0.0)) * scale)
+
+
+def _shapes(probe: Probe, white: Whitening) -> Float[np.ndarray, "n shapes"]:
+    shape = bumps_at(probe.since_release_s, probe.duration_s, probe.bumps.shape[1])
+    shape[probe.data.still] = 0.0
+    each = [white(shape * (probe.data.channel == c)[:, None]) for c in range(len(probe.data.channels))]
+    L = np.concatenate(each, 1)
+    return L[:, np.linalg.norm(L, axis=0) > 1e-9 * max(float(np.linalg.norm(L)), 1e-300)]
+
+
+def _judged(r: np.ndarray, values: np.ndarray, starts: np.ndarray, L: np.ndarray) -> Left:
+    """The values have a prior (of unit precision), the starts have none."""
+    own = np.concatenate([values, starts], 1)
+    precision = np.concatenate([np.ones(values.shape[1]), np.zeros(starts.shape[1])])
+    for again in (True, False):
+        A, prior = np.concatenate([own, L], 1), np.concatenate([precision, np.zeros(L.shape[1])])
+        every, most = _explained(r, A, prior), _explained(r, own, precision)
+        if not again:
+            break
+        left = r - A @ (np.linalg.pinv(A.T @ A + np.diag(prior), rcond=RANK, hermitian=True) @ (A.T @ r))
+        good = np.abs(left) < STRAY * max(1.0, 1.4826 * float(np.median(np.abs(left))))
+        r, own, L = r[good], own[good], L[good]
+    free = max(every[1] - most[1], 1.0)
+    noise = max((float(r @ r) - every[0]) / max(r.size - every[1], 1.0), 1.0)
+    gain = (every[0] - most[0]) / noise
+    return Left(float(chi2.sf(gain, free)), float(gain - free) / r.size)
+
+
+def _explained(r: np.ndarray, A: np.ndarray, prior: np.ndarray) -> tuple[float, float]:
+    """Sum of squares that columns take away, and how many they are worth."""
+    G = A.T @ A
+    H = np.linalg.pinv(G + np.diag(prior), rcond=RANK, hermitian=True)
+    b = A.T @ r
+    return float(b @ H @ b), float(np.trace(H @ G))
