@@ -70,9 +70,9 @@ def study_of(drawing: Mechanism, paths: list[np.ndarray], seed: int) -> Study:
 COMPILING: list[float] = []
 
 
-def _compiled(event: str, seconds: float, **_) -> None:
+def _compiled(event: str, duration_secs: float, **_) -> None:
     if event.startswith("/jax/core/compile/"):
-        COMPILING.append(seconds)
+        COMPILING.append(duration_secs)
 
 
 def report(name: str, drawing: Mechanism, joint: str, torque_n_m: float, positions: np.ndarray) -> None:

@@ -71,7 +71,7 @@ def weigh(
     """Probabilities from evidence and the beliefs before any data."""
     width = scale / np.sqrt(softness)
     z = np.array([log_evidence(scaled(c.fitted, width)) for c in causes])
-    prior = np.array([np.log(_prior(len(c.candidates), library_size)) for c in causes])
+    prior = np.array([np.log(_prior(len(c.candidates), library_size)) + c.log_odds for c in causes])
     order = np.argsort(-(z + prior))
     causes, z, prior = [causes[i] for i in order], z[order], prior[order]
     rest = []

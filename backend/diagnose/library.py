@@ -62,6 +62,11 @@ class Candidate:
         return f"{self.kind}:{place}{part}"
 
     @property
+    def log_odds(self) -> float:
+        """Of its kind, against the commonest."""
+        return float(np.log(catalogue()[self.kind].odds))
+
+    @property
     def prior_sd(self) -> np.ndarray:
         """Sd of its numbers before any data."""
         return np.array([p.prior_sd for p in self.parameters], float)

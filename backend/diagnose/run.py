@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import jax
 import numpy as np
+from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, softness, weigh
@@ -38,6 +39,7 @@ WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 STRICT = 1e-3  # p of what is left on held-out experiments, below which it is no chance
 WIDE = 1e4  # noise variances a sample: a gap that large counts no more
 IN_REACH = 0.3  # of what is left: less than the whole library could take is not worth a search for sets
+CLEAR = 1e-4  # p below which a gap is there whatever was believed before
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
@@ -120,9 +122,18 @@ class _Inquiry:
         if p > ALPHA and baseline.fitted.fraction == 1.0:
             return self.report("none", baseline, baseline, None, about, latent, at_base, p, model_free, first, first)
         singles = self.search.level([baseline], REFITS)
+        if p > CLEAR and baseline.fitted.fraction == 1.0 and self.doubtful(baseline, singles):
+            return self.report("none", baseline, baseline, None, about, latent, at_base, p, model_free, first, first)
         best, last = self.climb(baseline, singles, at_base)
         best, last = self.switching(baseline, best, last, at_base)
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first)
+
+    def doubtful(self, baseline: Cause, singles: list[Cause]) -> bool:
+        """Whether nothing amiss is likelier than any cause or unknown law, though a test found the data unusual."""
+        z = list(unknown_evidence(baseline.fitted, self.search.latent, self.search.raw, self.scale).values())
+        count = len(self.subject.library.candidates)
+        belief = weigh(baseline, singles, count, scale=self.scale, unknown_log_z=float(logsumexp(z) - np.log(len(z))))
+        return belief.none > max([belief.unknown, *belief.probability])
 
     def p_gap(self, about: Screen, at_base: Adequacy) -> float:
         """Of the omnibus tests and the largest gain in the library, Bonferroni."""
@@ -220,7 +231,7 @@ class _Inquiry:
         """Most probable first, among those that follow the longest part of the records."""
         longest = max((c.fitted.fraction for c in level), default=1.0)
         at = [c for c in level if c.fitted.fraction == longest]
-        return sorted(at, key=lambda c: -log_evidence(scaled(c.fitted, self.scale)))
+        return sorted(at, key=lambda c: -(log_evidence(scaled(c.fitted, self.scale)) + c.log_odds))
 
     def better(self, top: Cause, best: Cause, judged: Adequacy, found: Adequacy) -> bool:
         """Whether one more effect earned its place."""
@@ -289,8 +300,8 @@ class _Inquiry:
         same = baseline if baseline.fitted.fraction == best.fitted.fraction else None
         unknown = None
         if model_free:
-            z = np.array(list(model_free.values()))
-            unknown = float(np.log(np.mean(np.exp(z - z.max()))) + z.max())
+            z = list(model_free.values())
+            unknown = float(logsumexp(z) - np.log(len(z)))
         count = len(self.subject.library.candidates)
         belief = weigh(same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown)
         shrunk = shrinkage(first, after, self.rng) if first else None

@@ -58,7 +58,7 @@ class Screen:
     def ranking(self, candidates: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
         """Largest gain first."""
         gains = [(c, self.gain(c)) for c in candidates]
-        return sorted(gains, key=lambda pair: -pair[1])
+        return sorted(gains, key=lambda pair: -(pair[1] + 2.0 * pair[0].log_odds))
 
     def ceiling(self) -> float:
         """What all candidates together would gain to first order: no set of them gains more."""

@@ -54,7 +54,8 @@ def left_unseen(fitted: Fitted, scale: float) -> Left | None:
     if any(m is None for m in made):
         return Left(0.0, np.inf)
     r, values, starts, shapes = zip(*(m for m in made if m is not None), strict=True)
-    return _judged(np.concatenate(r), _columns(fitted, values, scale), block_diag(*starts), block_diag(*shapes))
+    own, shifts = np.asarray(block_diag(*starts)), np.asarray(block_diag(*shapes))
+    return _judged(np.concatenate(r), _columns(fitted, values, scale), own, shifts)
 
 
 def _start(probe: Probe, white: Whitening, values: np.ndarray) -> np.ndarray:

@@ -47,6 +47,11 @@ class Cause:
         return self.fitted.choice.candidates
 
     @property
+    def log_odds(self) -> float:
+        """Of its members' kinds."""
+        return sum(c.log_odds for c in self.candidates)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Sorted names of its members."""
         return tuple(sorted(c.name for c in self.candidates))
@@ -64,6 +69,7 @@ class Search:
     def __post_init__(self):
         self.tried: dict[tuple[str, ...], Cause] = {}
         self.screens: dict[tuple[str, ...], Screen] = {}
+        self.raw: list[np.ndarray] = []
 
     @property
     def latent(self) -> Latent:
@@ -78,7 +84,7 @@ class Search:
         if made.fraction == 1.0:
             self._correct_steps(made)
             made = fit(self.subject, made.choice, start=made.x)
-        raw = forces(self.subject, made)
+        self.raw = raw = forces(self.subject, made)
         self.known = responses(self.subject, made, raw)
         if made.fraction == 1.0:
             changed = self._set_aside(made)

@@ -15,6 +15,7 @@ class AirDrag(AbstractDrag):
 
     kind = "air_drag"
     acts_on = "body"
+    odds = 0.5
     drag_area_m2: Float[Array, ""] = parameter(
         "m^2", "drag coefficient x frontal area", lower=0.0, expected=0.05,
         # Where ½ρ A v² is the body's weight at the mechanism's own speed: a light link feels a small area.

@@ -17,6 +17,7 @@ class BaseMotion(AbstractBaseMotion):
 
     kind = "base_motion"
     acts_on = "world"
+    odds = 0.3
     amplitude_m: Float[Array, "3"] = parameter("m", "of the base's displacement, in W", size=3, expected=0.01)
     frequency_hz: Float[Array, ""] = parameter(
         "Hz", "of the shaking", default=1.0, lower=0.0, by_name=True, expected=0.5,

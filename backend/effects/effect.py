@@ -68,6 +68,10 @@ class AbstractEffect(eqx.Module):
 
     kind: ClassVar[str]
     acts_on: ClassVar[Place]
+    odds: ClassVar[float] = 1.0
+    """How often it is the cause of a gap, against the commonest: which of two names to say first where the data cannot
+    tell them apart.
+    """
 
     @classmethod
     def declarations(cls) -> dict[str, Declaration]:

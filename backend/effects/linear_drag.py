@@ -12,6 +12,7 @@ class LinearDrag(AbstractDrag):
 
     kind = "linear_drag"
     acts_on = "body"
+    odds = 0.3
     n_s_per_m: Float[Array, ""] = parameter("N s/m", "force per speed", lower=0.0, expected=0.05)
 
     def wrench(self, body):

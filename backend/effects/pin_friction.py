@@ -11,6 +11,7 @@ class PinFriction(AbstractDryFriction):
 
     kind = "pin_friction"
     acts_on = "joint"
+    odds = 0.5
     friction_coefficient: Float[Array, ""] = parameter(
         "1", "Coulomb coefficient between pin and hole", lower=0.0, joint_types=("revolute",), expected=0.2
     )

@@ -15,6 +15,7 @@ class ReleaseVelocity(AbstractPush):
 
     kind = "release_velocity"
     acts_on = "world"
+    odds = 0.5
     rad_per_s: Float[Array, ""] = parameter("rad/s", "of a turning joint", joint_types=TURNING, expected=0.1)
     m_per_s: Float[Array, ""] = parameter("m/s", "of a sliding joint", joint_types=("prismatic",), expected=0.1)
 

@@ -11,6 +11,7 @@ class RotorInertia(AbstractJointInertia):
 
     kind = "rotor_inertia"
     acts_on = "joint"
+    odds = 0.3
     kg_m2: Float[Array, ""] = parameter(
         "kg m^2", "rotor inertia felt at the joint", lower=0.0, joint_types=TURNING, expected=0.05
     )

@@ -18,6 +18,7 @@ class StribeckFriction(AbstractRateFriction):
 
     kind = "stribeck_friction"
     acts_on = "joint"
+    odds = 0.3
     static_torque_n_m: Float[Array, ""] = parameter(
         "N m",
         "torque at which turning begins",

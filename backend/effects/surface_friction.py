@@ -11,6 +11,7 @@ class SurfaceFriction(AbstractBedFriction):
 
     kind = "surface_friction"
     acts_on = "body"
+    odds = 0.1
     friction_coefficient: Float[Array, ""] = parameter(
         "1", "friction force over the force on the bed", lower=0.0, expected=0.2
     )

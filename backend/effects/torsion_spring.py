@@ -11,6 +11,7 @@ class TorsionSpring(AbstractJointEffort):
 
     kind = "torsion_spring"
     acts_on = "joint"
+    odds = 0.3
     stiffness_n_m_per_rad: Float[Array, ""] = parameter(
         "N m/rad", "torque per turn", lower=0.0, joint_types=TURNING, expected=0.05
     )
