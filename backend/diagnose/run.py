@@ -162,7 +162,7 @@ class _Inquiry:
             if self.out_of_reach(top, judged):
                 self.tell("nothing smooth in the library could take what is left")
                 break
-            level = self.search.level(leaders[:LEADERS], PARTNERS)
+            level = self.search.level(leaders[: LEADERS if depth < SURE else 1], PARTNERS)
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
         return best, found

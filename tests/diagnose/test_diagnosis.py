@@ -124,6 +124,17 @@ def test_a_camera_that_enlarges_is_told_from_a_long_bar(drawing):
     assert found.causes[0].effects[0].parameters["relative"].value == pytest.approx(0.02, abs=2e-3)
 
 
+def test_a_wire_that_tightens_is_an_unknown_law_of_where_the_joint_is(drawing):
+    from backend.diagnose.run import diagnose_study
+
+    def wire(t, q, rate):
+        return -0.15 * max(q - 0.3, 0.0)
+
+    found = diagnose_study(study(drawing, 5, wire), without=FEW | {"torsion_spring"}).report
+    assert found.verdict == "unknown"
+    assert found.where.locations[0].at == "joint:j1"
+
+
 def test_a_blow_that_no_effect_of_the_library_gives_is_unknown_and_lies_at_the_joint(drawing):
     from backend.diagnose.run import diagnose_study
 

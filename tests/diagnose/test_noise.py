@@ -63,3 +63,13 @@ def test_thrown_samples_are_found_and_good_ones_are_kept():
 def test_a_motion_without_wrong_samples_loses_none():
     rng = np.random.default_rng(4)
     assert np.mean(~good_samples(record(rng))) < 0.01  # 3e-5 a sample are expected
+
+
+def test_a_wild_sample_in_the_first_still_frame_neither_counts_nor_widens_the_noise():
+    rng = np.random.default_rng(5)
+    data = [record(rng, wrong=(0,) if i == 0 else ()) for i in range(3)]
+    noise = estimate(data)
+    first = data[0].time_s == 0.0
+    assert not noise.keep[0][first].any()
+    assert np.mean(~noise.keep[1]) < 0.02
+    assert noise.sigma[0][0] == pytest.approx(1e-3, rel=0.2)  # ten sigmas in one of 240 would add 18%

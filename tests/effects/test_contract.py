@@ -195,6 +195,12 @@ def test_a_perfect_camera_reports_what_is_there(kind):
     assert np.abs(example(kind).view(SIGHT, CAMERA) - points).max() > 0.1
 
 
+def test_a_tracker_is_right_in_the_first_frame_and_slides_off_from_there():
+    drift = EFFECTS["tracker_drift"](x_m_per_s=jnp.asarray(0.1), z_m_per_s=jnp.asarray(0.0))
+    off = np.asarray(drift.view(SIGHT, CAMERA) - SIGHT.p_WP)[:, 0]
+    np.testing.assert_allclose(off, 0.1 * (SIGHT.time_s - SIGHT.began_s), rtol=1e-12)
+
+
 @pytest.mark.parametrize("kind", of(AbstractShutter))
 def test_a_shutter_that_opens_at_once_sees_all_points_at_one_time(kind):
     effect = EFFECTS[kind](**{n: jnp.zeros(()) for n in EFFECTS[kind].declarations()})

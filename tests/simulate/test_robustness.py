@@ -42,6 +42,22 @@ def follow_alone(model, steps):
     return rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, steps)
 
 
+def test_a_motion_that_ends_early_is_the_first_part_of_the_whole_with_its_slopes():
+    model = build(double_pendulum([effect("f", "viscous_friction", ["elbow"])]))
+
+    def path(damping, until):
+        plant = system(model.with_parameters({("f", "damping_n_m_s_per_rad"): damping}))
+        return rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, STEPS, None, 0, until).q
+
+    whole, early = (
+        jax.jvp(lambda d, u=u: path(d, u), (np.array(1e-3),), (np.array(1.0),)) for u in (None, np.array(120))
+    )
+    for long, short in zip(whole, early, strict=True):
+        np.testing.assert_allclose(short[:121], long[:121], rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(short[121:], np.broadcast_to(short[120], short[121:].shape))
+    assert np.abs(early[1]).max() > 1e-3
+
+
 @pytest.fixture(scope="module")
 def frictions():
     model = build(fourbar([effect("f", "coulomb_friction", ["j2"])]))
