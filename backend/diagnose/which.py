@@ -176,7 +176,9 @@ class Search:
                 known |= about.guess(candidate)
                 start = start_of(self.subject, choice, known)
                 start[len(choice.parameters) :] = parent.fitted.x[parent.fitted.count :]
-                fits.append(fit(self.subject, choice, start=start, fractions=(parent.fitted.fraction,)))
+                fitted = fit(self.subject, choice, start=start, fractions=(parent.fitted.fraction,))
+                if np.isfinite(fitted.chi2):  # a set that loses the motion from its start explains nothing
+                    fits.append(fitted)
             made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
 
@@ -185,7 +187,8 @@ class Search:
         while fits and fits[0].fraction < 1.0:
             longer = FRACTIONS[FRACTIONS.index(fits[0].fraction) + 1]
             grown = [fit(self.subject, f.choice, start=f.x, fractions=(longer,), max_iterations=8) for f in fits]
-            if not min(f.miss for f in grown) < REACH:
+            grown = [f for f in grown if np.isfinite(f.chi2)]
+            if not grown or not min(f.miss for f in grown) < REACH:
                 break
             best = min(f.miss for f in grown)
             fits = [f for f in grown if f.miss < max(REACH, BEHIND * best)]
@@ -201,7 +204,9 @@ class Search:
                     choice = self.subject.choose(candidate)
                     start = start_of(self.subject, choice, values)
                     start[len(choice.parameters) :] = baseline.fitted.x[baseline.fitted.count :]
-                    made.append(self._keep(fit(self.subject, choice, start=start)))
+                    fitted = fit(self.subject, choice, start=start)
+                    if np.isfinite(fitted.chi2):
+                        made.append(self._keep(fitted))
         return made
 
     def switching(self, baseline: Cause, family: str, motion: dict[str, np.ndarray]) -> list[Cause]:
