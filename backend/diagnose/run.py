@@ -320,12 +320,12 @@ class _Inquiry:
             missing = MissingForce(self.subject, baseline.fitted, latent, at, self.scale)
         also: dict[tuple[str, ...], list[list[str]]] = {}
         if verdict != "none":
-            singles = [self.search.tried[n] for n in self.search.tried if len(n) == 1]
+            fitted = {c.names: c for c in causes}
             for i in belief.reported:
                 cause = belief.causes[i]
-                if len(cause.candidates) == 1 and cause.fitted.subject is self.subject:
+                if cause.fitted.subject is self.subject:
                     also[cause.names] = aliases(
-                        about, cause, self.subject.library.candidates, singles, self.scale / np.sqrt(soft)
+                        about, cause, self.subject.library.candidates, fitted, self.scale / np.sqrt(soft)
                     )
         following = None
         if verdict != "none":
