@@ -13,6 +13,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 
 from backend.diagnose.run import Diagnosis, diagnose_study
 from backend.mechanism.read import read_study
@@ -59,7 +60,7 @@ def picture(study: Study, found: Diagnosis, path: Path) -> None:
     plt.close(figure)
 
 
-def _motion(axes: plt.Axes, evidence: GapEvidence) -> None:
+def _motion(axes: Axes, evidence: GapEvidence) -> None:
     channel = evidence.channels[0]
     for values, style, label in (
         (channel.measured, "k.", "measured"), (channel.before, "tab:orange", "as drawn"),

@@ -9,7 +9,7 @@ import typer
 
 from backend.commands.terminal import AsJson, Failed, Out, StudyFile, answering, folder_for, progress, stoppable
 
-ENDED = "The search was ended early: an explanation that was not tried may fit better. Run it again."
+ENDED = "The search was ended early: an explanation that was not tried may fit better. --resume goes on from there."
 
 
 def diagnose(
@@ -21,12 +21,14 @@ def diagnose(
     without: Annotated[
         list[str] | None, typer.Option(metavar="KIND", help="Leave this effect out of the library; repeatable.")
     ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the search that was cut off in --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Say why the real one differs: is there a gap, where, which effect, how far does it shrink: gap.json and a page.
 
-    Ctrl-C ends the search early; the explanations found by then are weighed and written.
+    Ctrl-C ends the search early; the explanations found by then are weighed and written. That, or a search that was
+    killed, goes on with --resume.
     """
     kinds = [kind.strip() for given in without or [] for kind in given.split(",") if kind.strip()]
     with answering(as_json) as answer:
@@ -40,12 +42,15 @@ def diagnose(
         loaded = read_study(study)
         folder = folder_for(out, loaded.mechanism.name)
         with progress("reading the study") as advance, stoppable() as stopped:
+            from backend.diagnose.kept import FILE, Kept
             from backend.diagnose.run import diagnose_study
 
+            kept = Kept.of(folder / FILE, loaded, frozenset(kinds), resume=resume)
             tolerance_m = None if tolerance_mm is None else 1e-3 * tolerance_mm
             found = diagnose_study(
-                loaded, tolerance_m=tolerance_m, without=frozenset(kinds), progress=advance, cancelled=stopped
-            )
+                loaded, tolerance_m=tolerance_m, without=frozenset(kinds), progress=advance, cancelled=stopped,
+                kept=kept,
+            )  # fmt: skip
         if stopped():
             said = found.report.model_copy(update={"warnings": [ENDED, *found.report.warnings]})
             found = replace(found, report=said)
@@ -56,3 +61,4 @@ def diagnose(
         answer(found.report.model_dump(mode="json"), text)
         if stopped():
             raise Failed(ENDED)
+        kept.remove()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.fitted import Fitted, log_evidence
+from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
 from backend.diagnose.which import Cause
 from backend.fit.noise import lag_one
@@ -89,23 +90,33 @@ def _prior(size: int, library: int) -> float:
     return (ONE if size == 1 else SEVERAL * 0.3 ** (size - 2)) / ways
 
 
-def aliases(about: Screen, cause: Cause, others: Sequence, refitted: Sequence[Cause], scale: float) -> list[list[str]]:
-    """`[kind, place]` of candidates that these data cannot tell from a single cause, refitted ones by their fits."""
-    (own,) = cause.candidates
-    tried = {c.candidates[0].name: c for c in refitted if len(c.candidates) == 1}
-    S = about.signature(own) / scale
-    change = S @ (cause.fitted.values[: S.shape[1]] - cause.fitted.choice.start[: S.shape[1]])
-    found = []
-    for k in others:
-        if k.name == own.name:
-            continue
-        if k.name in tried:
-            apart = (tried[k.name].fitted.chi2 - cause.fitted.chi2) / scale**2
-        else:
-            T = about.signature(k) / scale
-            H = T.T @ T + np.diag(k.prior_sd**-2.0)
-            b = T.T @ change
-            apart = float(change @ change - b @ np.linalg.solve(H, b))
-        if apart < APART:
-            found.append([k.kind, "all" if len(k.on) > 1 else k.on[0]])
+def aliases(
+    about: Screen, cause: Cause, others: Sequence[Candidate], tried: Mapping[tuple[str, ...], Cause], scale: float
+) -> list[list[str]]:
+    """`[kind, place]` of candidates any of which, in place of a member of the cause, these data cannot tell from it:
+    by their fits where the set was tried, by their slopes beside the other members' elsewhere.
+    """
+    found: list[list[str]] = []
+    at = 0
+    for own in cause.candidates:
+        S = about.signature(own) / scale
+        part = slice(at, at + S.shape[1])
+        change = S @ (cause.fitted.values[part] - cause.fitted.choice.start[part])
+        at += S.shape[1]
+        rest = [c for c in cause.candidates if c is not own]
+        beside = [about.signature(c) / scale for c in rest]
+        for k in others:
+            if k.name in cause.names:
+                continue
+            set_ = tuple(sorted([k.name, *(c.name for c in rest)]))
+            if set_ in tried:
+                apart = (tried[set_].fitted.chi2 - cause.fitted.chi2) / scale**2
+            else:
+                T = np.concatenate([about.signature(k) / scale, *beside], 1)
+                H = T.T @ T + np.diag(np.concatenate([k.prior_sd, *(c.prior_sd for c in rest)]) ** -2.0)
+                b = T.T @ change
+                apart = float(change @ change - b @ np.linalg.solve(H, b))
+            alias = [k.kind, k.on[0] if len(k.on) == 1 else "all"]
+            if apart < APART and alias not in found:
+                found.append(alias)
     return found

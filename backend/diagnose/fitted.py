@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 from scipy.stats import norm
 
+from backend.diagnose.kept import name_of
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Choice, Subject
 from backend.fit.solve import LeastSquares, solve
@@ -125,13 +126,20 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
         return last["r"], last["J"]
 
     names = [p.name for p in choice.parameters] + [f"start {i}" for i in range(x.size - few)]
-    problem = LeastSquares(names, lambda x: linearise(x)[0], linearise, lower, upper, scale, seer.count)
-    solution = solve(problem, x, max_iterations=max_iterations, ftol=FTOL, cancelled=cancelled)
-    r, J = -solution.residual[: seer.count], solution.jacobian[: seer.count]
+    known = subject.kept.end_of(key := name_of(subject.library.family, choice.name, fraction, x))
+    if known is None:
+        problem = LeastSquares(names, lambda x: linearise(x)[0], linearise, lower, upper, scale, seer.count)
+        solution = solve(problem, x, max_iterations=max_iterations, ftol=FTOL, cancelled=cancelled)
+        known, full, slopes = (solution.x, solution.status), solution.residual, solution.jacobian
+        if not (cancelled is not None and cancelled()):
+            subject.kept.note(key, *known)
+    else:
+        full, slopes = linearise(known[0])
+    end, status = known
+    r, J = -full[: seer.count], slopes[: seer.count]
     precision = np.concatenate([choice.prior_sd**-2.0, np.zeros(x.size - few)])
     return Fitted(
-        subject, choice, tuple(probes), solution.x, r, J, seer.rows, precision, solution.status, fraction,
-        seer.miss(solution.x),
+        subject, choice, tuple(probes), end, r, J, seer.rows, precision, status, fraction, seer.miss(end),
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from scipy.special import logsumexp
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, softness, weigh
 from backend.diagnose.fitted import log_evidence
+from backend.diagnose.kept import Kept
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.library import SMOOTH, families, library
 from backend.diagnose.next_experiment import next_experiment
@@ -74,25 +75,27 @@ def diagnose_study(
     progress: Progress | None = None,
     cancelled: Callable[[], bool] | None = None,
     seed: int = 0,
+    kept: Kept | None = None,
 ) -> Diagnosis:
     """Diagnose the gap between a study's drawing and its experiments.
 
     tolerance_m: what may remain and still count as explained [m, or rad where only encoders measured]. without: kinds
-    of effects to leave out of the library. progress(fraction, words). Raises ValueError naming the experiment or part
+    of effects to leave out of the library. progress(fraction, words). kept: ends of fits, on disk as they end, so that
+    a search that was cut off goes on where it was. Raises ValueError naming the experiment or part
     and the remedy.
     """
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("A diagnosis needs float64. Set JAX_ENABLE_X64=1 before JAX starts.")
     if not study.fit:
         raise ValueError('No experiment may be fitted: give at least one of them "use": "fit".')
-    inquiry = _Inquiry(study, tolerance_m, without, step_s, progress, cancelled, seed)
+    inquiry = _Inquiry(study, tolerance_m, without, step_s, progress, cancelled, seed, kept)
     return inquiry.conclude()
 
 
 class _Inquiry:
     """The steps of one diagnosis, in order, and what each found."""
 
-    def __init__(self, study: Study, tolerance_m, without, step_s, progress, cancelled, seed):
+    def __init__(self, study: Study, tolerance_m, without, step_s, progress, cancelled, seed, kept):
         self.began, self.study, self.tolerance_m = time.perf_counter(), study, tolerance_m
         self.progress, self.cancelled = progress or (lambda fraction, words: None), cancelled or (lambda: False)
         self.rng, self.done, self.planned = np.random.default_rng(seed), 0, 4.0 + REFITS + 2.0 * LEADERS * PARTNERS
@@ -100,7 +103,7 @@ class _Inquiry:
         self.without = without
         self.tell("building the library of effects")
         known = library(study.mechanism, SMOOTH, study.tolerances, without)
-        self.subject = prepare(study, known, step_s or default_step(study, build(study.mechanism)))
+        self.subject = prepare(study, known, step_s or default_step(study, build(study.mechanism)), kept=kept)
         self.search = Search(self.subject, self.tell, self.cancelled)
 
     def tell(self, words: str) -> None:
@@ -189,7 +192,7 @@ class _Inquiry:
             if not any(c.family == family for c in known.candidates):
                 continue
             noise = (self.subject.noise, self.subject.held_noise)
-            subject = prepare(self.study, known, self.subject.step_s, noise)
+            subject = prepare(self.study, known, self.subject.step_s, noise, self.subject.kept)
             for mine, known_one in zip(
                 (*subject.fit, *subject.held_out), (*self.subject.fit, *self.subject.held_out), strict=True
             ):
@@ -317,12 +320,12 @@ class _Inquiry:
             missing = MissingForce(self.subject, baseline.fitted, latent, at, self.scale)
         also: dict[tuple[str, ...], list[list[str]]] = {}
         if verdict != "none":
-            singles = [self.search.tried[n] for n in self.search.tried if len(n) == 1]
+            fitted = {c.names: c for c in causes}
             for i in belief.reported:
                 cause = belief.causes[i]
-                if len(cause.candidates) == 1 and cause.fitted.subject is self.subject:
+                if cause.fitted.subject is self.subject:
                     also[cause.names] = aliases(
-                        about, cause, self.subject.library.candidates, singles, self.scale / np.sqrt(soft)
+                        about, cause, self.subject.library.candidates, fitted, self.scale / np.sqrt(soft)
                     )
         following = None
         if verdict != "none":

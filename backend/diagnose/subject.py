@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
+from backend.diagnose.kept import Kept
 from backend.diagnose.library import Candidate, Library
 from backend.diagnose.noise import Noise, estimate
 from backend.diagnose.probe import Probe, with_drives
@@ -69,6 +70,7 @@ class Subject:
     held_noise: Noise
     step_s: float
     joints: tuple[str, ...]
+    kept: Kept = field(default_factory=Kept)
 
     @cached_property
     def neutral(self) -> np.ndarray:
@@ -91,8 +93,18 @@ class Subject:
             return list(pool.map(work, items))
 
 
-def prepare(study: Study, library: Library, step_s: float, noise: tuple[Noise, Noise] | None = None) -> Subject:
-    """Build the family's model and find where every experiment starts. ValueError names the experiment."""
+def prepare(
+    study: Study,
+    library: Library,
+    step_s: float,
+    noise: tuple[Noise, Noise] | None = None,
+    kept: Kept | None = None,
+) -> Subject:
+    """Build the family's model and find where every experiment starts. ValueError names the experiment.
+
+    kept: ends of fits, of a search that may have been cut off.
+    """
+    kept = Kept() if kept is None else kept
     joints = _drivable(study)
     drives = [Effect(id=UNKNOWN + j, kind="effort_offset", on=(j,), parameters={}) for j in joints]
     model = build(study.mechanism, (*library.added, *drives))
@@ -115,12 +127,12 @@ def prepare(study: Study, library: Library, step_s: float, noise: tuple[Noise, N
         setting = p.framed(*frame)
         p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))
     if noise is not None:
-        return Subject(library, model, fit, held, *noise, step_s, joints)
+        return Subject(library, model, fit, held, *noise, step_s, joints, kept)
     every = estimate([p.data for p in (*fit, *held)])
     mine, theirs = (
         Noise(every.sigma[part], every.memory, every.keep[part]) for part in (slice(len(fit)), slice(len(fit), None))
     )
-    return Subject(library, model, fit, held, mine, theirs, step_s, joints)
+    return Subject(library, model, fit, held, mine, theirs, step_s, joints, kept)
 
 
 def _few_sizes(count: int) -> int:

@@ -77,10 +77,38 @@ def rubbing(t, q, rate):
 
 
 @pytest.fixture(scope="module")
-def rubbed(drawing):
+def kept_at(tmp_path_factory):
+    return tmp_path_factory.mktemp("search") / "kept.jsonl"
+
+
+@pytest.fixture(scope="module")
+def rubbed(drawing, kept_at):
+    from backend.diagnose.kept import Kept
     from backend.diagnose.run import diagnose_study
 
-    return diagnose_study(study(drawing, 1, rubbing), without=FEW).report
+    told = study(drawing, 1, rubbing)
+    return diagnose_study(told, without=FEW, kept=Kept.of(kept_at, told, FEW, resume=False)).report
+
+
+def test_a_search_that_was_cut_off_goes_on_without_searching_again(drawing, kept_at, rubbed, monkeypatch):
+    from backend.diagnose import fitted
+    from backend.diagnose.kept import Kept
+    from backend.diagnose.run import diagnose_study
+
+    lines = kept_at.read_text().splitlines()
+    kept_at.write_text("\n".join(lines[:-3]) + "\n" + lines[-3][:20])  # killed three fits before its end
+    searched = []
+
+    def counted(problem, *given, solve=fitted.solve, **options):
+        searched.append(problem)
+        return solve(problem, *given, **options)
+
+    monkeypatch.setattr(fitted, "solve", counted)
+    told = study(drawing, 1, rubbing)
+    again = diagnose_study(told, without=FEW, kept=Kept.of(kept_at, told, FEW, resume=True)).report
+    assert len(searched) == 3
+    assert [c.effects for c in again.causes] == [c.effects for c in rubbed.causes]
+    assert again.verdict == rubbed.verdict
 
 
 def test_dry_friction_is_named_at_its_joint_with_its_size(rubbed):
