@@ -35,9 +35,12 @@ def played_slower(
     played_per_s = 1 / float(np.median(np.diff(times_s)))
     if captured_per_s < RAMP_FACTOR * played_per_s:
         return 1.0, []
-    return played_per_s / captured_per_s, [
+    slower = captured_per_s / played_per_s
+    # Stretched a whole number of times; one step of a coarse clock tells it no better than a thousandth.
+    slower = round(slower) if abs(slower - round(slower)) < 0.02 * slower else slower
+    return 1 / slower, [
         f"{name} was filmed at {captured_per_s:.4g} frames a second, as its camera noted, and plays at "
-        f"{played_per_s:.4g}: its times are divided by {captured_per_s / played_per_s:.4g}."
+        f"{played_per_s:.4g}: its times are divided by {slower:.4g}."
     ]
 
 

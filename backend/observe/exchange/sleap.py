@@ -63,8 +63,8 @@ def read_h5(path: Path) -> Points:
             source=path.name,
             names=names,
             frame=np.arange(frames),
-            at=at.reshape(frames, -1, 2),
-            score=score.reshape(frames, -1),
+            at=at.reshape(frames, len(names), 2),
+            score=score.reshape(frames, len(names)),
             sure=SURE,
             notes=notes,
         )
