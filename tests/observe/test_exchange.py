@@ -183,6 +183,22 @@ def test_what_is_missing_is_asked_for(four_dots, seen, sure, tmp_path, given, sa
         convert(dlc_csv(tmp_path / "pose.csv", seen, sure), four_dots.mechanism, out_dir=tmp_path, **given)
 
 
+def test_one_frame_is_no_motion(four_dots, seen, sure, tmp_path):
+    file = dlc_csv(tmp_path / "pose.csv", *({n: v[:1] for n, v in s.items()} for s in (seen, sure)))
+    with pytest.raises(TrackingError, match="one frame; motion needs at least two"):
+        convert(file, four_dots.mechanism, bed=four_dots.bed, frames_per_s=240, out_dir=tmp_path)
+
+
+def test_rows_that_were_left_out_are_a_gap_and_no_shorter_time(four_dots, seen, sure, tmp_path):
+    rows = dlc_csv(tmp_path / "pose.csv", seen, sure).read_text().splitlines(keepends=True)
+    (tmp_path / "gap.csv").write_text("".join(rows[:23] + rows[43:]))
+    made = convert(tmp_path / "gap.csv", four_dots.mechanism, bed=four_dots.bed, video=four_dots.path, out_dir=tmp_path)
+    frames = np.r_[0:20, 40:60]
+    np.testing.assert_array_equal(made.tracks.frame[::4], frames)
+    np.testing.assert_allclose(made.tracks.time_s[::4], frames / 240, atol=1e-6)  # stamps are whole microseconds
+    assert np.abs(errors_m(four_dots, made.tracks)).max() < 5 * NOISE_PX * METRES_PER_PX
+
+
 def test_a_known_lens_with_its_centre_needs_no_clip(four_dots, seen, sure, tmp_path):
     bed = four_dots.bed | {"lens": {"focal_px": 1600, "centre_px": [319.5, 179.5]}}
     file = dlc_csv(tmp_path / "pose.csv", seen, sure)

@@ -6,6 +6,8 @@ The noise is measured along each point's own track, as it is for dots.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
@@ -15,7 +17,6 @@ from backend.observe.bed import Bed
 from backend.observe.exchange.camera import Footage
 from backend.observe.exchange.points import Points, listed
 from backend.observe.place import in_world
-from backend.observe.timestamps import check_times
 from backend.observe.tracking_error import TrackingError
 from backend.observe.uncertainty import point_covariance, track_noise
 from backend.observe.write import tracks_table
@@ -46,7 +47,8 @@ def into_tracks(
     seen = seen[: len(points.frame)]
     at = np.where(seen[..., None], points.at, np.nan)
     times = points.time_s if points.time_s is not None else clip.times(points.frame, points.source)
-    check_times(times, points.source)
+    if len(times) < 2:
+        raise TrackingError(f"{points.source} holds one frame; motion needs at least two. Export the whole clip.")
     notes = [*points.notes, *clip.warnings]
     status = np.where(seen, "observed", "occluded").astype(object)
     if points.in_pixels:
@@ -71,15 +73,12 @@ def into_tracks(
 
 def _to_last(points: Points, seen: np.ndarray, clip: Footage) -> Points:
     """Without the empty rows that some tools append beyond the clip's end."""
-    if clip.times_s is None:
+    if clip.times_s is None or points.time_s is not None:
         return points
     last = int(np.flatnonzero(seen.any(1))[-1]) + 1
     inside = int(np.searchsorted(points.frame, len(clip.times_s)))
     keep = max(last, inside)
-    return Points(
-        points.source, points.names, points.frame[:keep], points.at[:keep], points.score[:keep],
-        None if points.time_s is None else points.time_s[:keep], points.sure, points.notes,
-    )  # fmt: skip
+    return replace(points, frame=points.frame[:keep], at=points.at[:keep], score=points.score[:keep])
 
 
 def _seen_by_camera(
@@ -102,13 +101,15 @@ def _start(points: Points, world: np.ndarray, drawn: Drawn) -> list[str]:
     """Whether the first places are where the drawing has them: wrong names and turned axes show here."""
     expected = np.array([drawn[name] for name in points.names])
     extent = float(np.linalg.norm(np.ptp(expected, axis=0)))
-    first = np.stack([(p[np.isfinite(p).any(1)][:1] if np.isfinite(p).any() else np.full((1, 3), np.nan))[0]
-                      for p in world.transpose(1, 0, 2)])  # fmt: skip
-    away = np.sqrt(np.nansum((first - expected) ** 2, axis=1))[np.isfinite(first).any(1)]
-    if extent == 0 or np.median(away) <= STRAY * extent:
+    away = np.full(len(points.names), np.nan)
+    for m, p_WM in enumerate(expected):
+        seen = np.flatnonzero(np.any(np.isfinite(world[:, m]), axis=1))
+        if len(seen):
+            away[m] = np.sqrt(np.nansum((world[seen[0], m] - p_WM) ** 2))
+    if extent == 0 or np.nanmedian(away) <= STRAY * extent:
         return []
-    far = [name for name, d in zip(points.names, away, strict=False) if d > STRAY * extent]
+    far = [name for name, d in zip(points.names, away, strict=True) if d > STRAY * extent]
     return [
-        f"The points start {1e3 * np.median(away):.0f} mm (median) from where the drawing has them: {listed(far)}. "
+        f"The points start {1e3 * np.nanmedian(away):.0f} mm (median) from where the drawing has them: {listed(far)}. "
         "Check --names, and that the axes and the origin are those of the drawing."
     ]
