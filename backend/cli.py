@@ -13,6 +13,7 @@ import typer
 
 from backend.commands.blind import blind
 from backend.commands.check import check
+from backend.commands.convert import convert
 from backend.commands.demo import demo
 from backend.commands.diagnose import diagnose
 from backend.commands.export import export
@@ -31,7 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (demo, export, check, simulate, track, fit, diagnose, twin, jam, blind):
+for command in (demo, export, check, simulate, track, convert, fit, diagnose, twin, jam, blind):
     app.command()(command)
 
 

@@ -19,6 +19,9 @@ def track(
     clicks: Annotated[
         Path | None, typer.Option(help="JSON: marker to pixel in the first frame.", exists=True, dir_okay=False)
     ] = None,
+    keep_truncated: Annotated[
+        bool, typer.Option("--keep-truncated", help="Measure the readable part of a clip that ends too early.")
+    ] = False,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -32,7 +35,15 @@ def track(
             from backend.observe.measure import track_video
 
             folder = out or Path("out") / video.stem
-            result = track_video(video, drawn, bed, out_dir=folder, clicks=clicks, progress=counting(advance))
+            result = track_video(
+                video,
+                drawn,
+                bed,
+                out_dir=folder,
+                clicks=clicks,
+                keep_truncated=keep_truncated,
+                progress=counting(advance),
+            )
         files = {"tracks": str(result.tracks_path), "preview": str(result.preview_path)}
         written = f"wrote     {result.tracks_path}\nopen      {result.preview_path}"
         answer({**result.summary, "files": files}, f"{track_text(result.summary)}\n{written}")

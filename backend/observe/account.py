@@ -70,6 +70,17 @@ def mark_error_m(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int, he
     return float(np.sqrt(total))
 
 
+def status_counts(tracks: pd.DataFrame) -> dict[str, dict[str, Any]]:
+    """Per marker: how many rows have each status, and the usual deviation [m] of those that were seen."""
+    counted: dict[str, dict[str, Any]] = {}
+    for name, rows in tracks.groupby("marker", sort=False):
+        status = rows.status if "status" in rows else pd.Series("ok", rows.index)
+        counts = {str(k): int(n) for k, n in status.value_counts().items()}
+        sigma = rows.sigma_m[status.isin(("observed", "ok"))].median()
+        counted[str(name)] = {"status": counts, "sigma_m": None if np.isnan(sigma) else float(sigma)}
+    return counted
+
+
 def summarise(
     video: Video,
     tracks: pd.DataFrame,
@@ -84,11 +95,6 @@ def summarise(
     """Plain JSON values: frames and rate, status counts per marker, sigma, calibration, warnings."""
     seen = tracks[tracks.status == "observed"]
     every = seen.iloc[:: max(1, len(seen) // 200)][["x_px", "y_px"]].to_numpy()
-    by_marker = {}
-    for name, rows in tracks.groupby("marker", sort=False):
-        counts = {str(k): int(n) for k, n in rows.status.value_counts().items()}
-        sigma = rows.sigma_m[rows.status == "observed"].median()
-        by_marker[str(name)] = {"status": counts, "sigma_m": None if np.isnan(sigma) else float(sigma)}
     return {
         "video": video.name,
         "frames": int(tracks.frame.nunique()),
@@ -100,7 +106,7 @@ def summarise(
         "sigma_m": float(seen.sigma_m.median()),
         "mark_residual_px": float(np.sqrt((mark_residuals_px(bed, view) ** 2).mean())),
         "calibration_sd_m": mark_error_m(bed, view, every, *size_px),
-        "markers": by_marker,
+        "markers": status_counts(tracks),
         "dots_not_drawn": strangers,
         "truncated": video.truncated,
         "warnings": warnings,

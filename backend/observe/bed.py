@@ -100,6 +100,20 @@ class Bed(_Described):
         """The marks in the picture [px]."""
         return np.array([[m.x_px, m.y_px] for m in self.marks])
 
+    def heights(self, markers: Sequence[str]) -> tuple[Float[np.ndarray, "marker"], list[str]]:
+        """Height of each marker above the marks' plane [m], zero where unknown, and what is to be said of it.
+
+        Raises TrackingError where a height is given for something that is no marker.
+        """
+        given = self.marker_height_m
+        if not isinstance(given, dict):
+            return np.full(len(markers), given or 0.0), []
+        if unknown := sorted(set(given) - set(markers)):
+            raise TrackingError(f"marker_height_m names {', '.join(unknown)}; the drawing has {', '.join(markers)}.")
+        missing = [n for n in markers if n not in given]
+        note = [f"No height is given for {', '.join(missing)}; taken as zero."] if missing else []
+        return np.array([given.get(n, 0.0) for n in markers]), note
+
 
 def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
     """A Bed from a file, a list of marks or an object.  Raises TrackingError for what cannot fix the plane."""

@@ -18,7 +18,7 @@ from backend.observe.dots import DotLook, learn_look
 from backend.observe.label import drawn_positions, label_dots
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
-from backend.observe.project import AbstractView, calibrate
+from backend.observe.project import view_in_picture
 from backend.observe.track import ConstantVelocity, Tracker
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame, Video
@@ -63,14 +63,14 @@ def track_video(
     drawn = drawn_positions(mechanism)
     if not drawn:
         raise TrackingError("The drawing has no markers; add a marker for each dot that is to be followed.")
-    heights, warnings = _heights(bed, list(drawn))
+    heights, warnings = bed.heights(list(drawn))
     video = Video(video_path, keep_truncated)
     pictures = iter(video)
     first = next(pictures, None)
     if first is None:
         raise TrackingError(f"{video.name}: not one frame can be decoded (0 frames read). Copy it again.")
     height_px, width_px = first.luma.shape
-    view = _view(bed, width_px, height_px)
+    view = view_in_picture(bed, width_px, height_px)
     on_bed = bed.plane.from_world(np.array(list(drawn.values())))[:, :2]
     expected = view.pixels(on_bed, heights)
     clicks = _read_clicks(clicks)
@@ -107,28 +107,6 @@ def _read_clicks(clicks: Mapping[str, Sequence[float]] | str | Path | None) -> d
         return {str(name): (float(at[0]), float(at[1])) for name, at in (given or {}).items()}
     except (OSError, ValueError, TypeError, IndexError, AttributeError, KeyError) as error:
         raise TrackingError(f'Clicks cannot be read ({error}); write {{"marker": [x_px, y_px]}}.') from error
-
-
-def _heights(bed: Bed, names: list[str]) -> tuple[np.ndarray, list[str]]:
-    """Height of each marker above the marks' plane [m]; zero where unknown."""
-    given = bed.marker_height_m
-    if isinstance(given, dict):
-        if unknown := sorted(set(given) - set(names)):
-            raise TrackingError(f"marker_height_m names {', '.join(unknown)}; the drawing has {', '.join(names)}.")
-        missing = [n for n in names if n not in given]
-        note = [f"No height is given for {', '.join(missing)}; taken as zero."] if missing else []
-        return np.array([given.get(n, 0.0) for n in names]), note
-    return np.full(len(names), given or 0.0), []
-
-
-def _view(bed: Bed, width_px: int, height_px: int) -> AbstractView:
-    far = [m.id for m in bed.marks if not (-1 < m.x_px < width_px and -1 < m.y_px < height_px)]
-    if far:
-        raise TrackingError(
-            f"Bed marks {', '.join(far)} lie outside the {width_px} x {height_px} picture; "
-            "take their pixels from a frame of this clip, as it is shown upright."
-        )
-    return calibrate(bed, width_px, height_px)
 
 
 def _follow(

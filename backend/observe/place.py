@@ -102,11 +102,23 @@ def place(
         px[fill], status[fill] = seen.expected_px[fill], "predicted"
         drift = COAST_SHARE * 0.5 * acceleration_px_per_s2 * gap[fill] ** 2
         cov[fill] = (drift**2 + 1.0)[:, None, None] * np.eye(2)
-    world, sigma = np.full((*status.shape, 3), np.nan), np.full(status.shape, np.nan)
-    for m in range(len(names)):
+    world, sigma = in_world(px, cov, view, bed, heights_m)
+    return tracks_table(names, times, seen.frames, world, sigma, px, cov, status)
+
+
+def in_world(
+    px: Float[np.ndarray, "frame marker 2"],
+    cov_px2: Float[np.ndarray, "frame marker 2 2"],
+    view: AbstractView,
+    bed: Bed,
+    heights_m: Float[np.ndarray, "marker"],
+) -> tuple[Float[np.ndarray, "frame marker 3"], Float[np.ndarray, "frame marker"]]:
+    """World positions [m] of pixels, and the deviation per axis [m] that their covariance gives; NaN stays NaN."""
+    world, sigma = np.full((*px.shape[:2], 3), np.nan), np.full(px.shape[:2], np.nan)
+    for m in range(px.shape[1]):
         known = np.isfinite(px[:, m, 0])
         height = np.full(known.sum(), heights_m[m])
         world[known, m] = bed.plane.to_world(view.metres(px[known, m], height))
         J = view.slope(px[known, m], height)
-        sigma[known, m] = np.sqrt(np.einsum("nij,njk,nik->n", J, cov[known, m], J) / 2)
-    return tracks_table(names, times, seen.frames, world, sigma, px, cov, status)
+        sigma[known, m] = np.sqrt(np.einsum("nij,njk,nik->n", J, cov_px2[known, m], J) / 2)
+    return world, sigma

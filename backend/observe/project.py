@@ -127,6 +127,17 @@ def calibrate(bed: Bed, width_px: int, height_px: int) -> AbstractView:
     return PinholeView(bed.lens, centre, np.asarray(cv2.Rodrigues(turn)[0], float), np.ravel(t).astype(float))
 
 
+def view_in_picture(bed: Bed, width_px: int, height_px: int) -> AbstractView:
+    """The view of a clip of this size.  Raises TrackingError where a bed mark lies outside its picture."""
+    far = [m.id for m in bed.marks if not (-1 < m.x_px < width_px and -1 < m.y_px < height_px)]
+    if far:
+        raise TrackingError(
+            f"Bed marks {', '.join(far)} lie outside the {width_px} x {height_px} picture; "
+            "take their pixels from a frame of this clip, as it is shown upright."
+        )
+    return calibrate(bed, width_px, height_px)
+
+
 def mark_residuals_px(bed: Bed, view: AbstractView) -> Float[np.ndarray, "mark"]:
     """How far each mark is from where the view puts it [px]; zero by construction for four marks."""
     return np.hypot(*(view.pixels(bed.metres(), np.zeros(len(bed.marks))) - bed.pixels()).T)

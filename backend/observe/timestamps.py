@@ -16,6 +16,33 @@ STEADY_FRAMES = 9  # a change of pace that lasts this long is no dropped frame
 RAMP_FACTOR = 2.5  # a phone in the dark halves its rate; slow motion is stretched 4 to 8 times
 GAP_FRAMES = 12  # a longer hole cannot be bridged by predicting where the dots went
 
+ORIGINAL = (
+    "Send the original file from the camera, not an edited, shared or slowed-down export: by cable from the camera's "
+    'DCIM folder, or from an iPhone by AirDrop with "All Photos Data", or "Export Unmodified Original" in Photos.'
+)
+
+
+def played_slower(
+    times_s: Float[np.ndarray, "frame"], captured_per_s: float | None, name: str
+) -> tuple[float, list[str]]:
+    """What to multiply the stamps by so that they are the times of the motion, and the sentence that says so.
+
+    Some cameras write slow motion as one even clip at 30 frames a second, and the rate at which it was filmed
+    beside it (`com.android.capture.fps`).
+    """
+    if captured_per_s is None:
+        return 1.0, []
+    played_per_s = 1 / float(np.median(np.diff(times_s)))
+    if captured_per_s < RAMP_FACTOR * played_per_s:
+        return 1.0, []
+    slower = captured_per_s / played_per_s
+    # Stretched a whole number of times; one step of a coarse clock tells it no better than a thousandth.
+    slower = round(slower) if abs(slower - round(slower)) < 0.02 * slower else slower
+    return 1 / slower, [
+        f"{name} was filmed at {captured_per_s:.4g} frames a second, as its camera noted, and plays at "
+        f"{played_per_s:.4g}: its times are divided by {slower:.4g}."
+    ]
+
 
 def check_times(times_s: Float[np.ndarray, "frame"], name: str) -> None:
     """Refuse a clock that stands still, runs backwards, has a hole, or changes its pace for good.
@@ -25,11 +52,10 @@ def check_times(times_s: Float[np.ndarray, "frame"], name: str) -> None:
     step = np.diff(times_s)
     if len(step) == 0:
         raise TrackingError(f"{name} holds one frame; motion needs at least two. Is it a picture, not a clip?")
-    original = "Send the original file from the camera, not an edited, shared or slowed-down export."
     if (k := int(np.argmin(step))) is not None and step[k] <= 0:
         raise TrackingError(
             f"{name}: the clock jumps from {times_s[k]:.4f} s to {times_s[k + 1]:.4f} s "
-            f"between frames {k} and {k + 1}. {original}"
+            f"between frames {k} and {k + 1}. {ORIGINAL}"
         )
     if len(step) >= 2 * STEADY_FRAMES:
         windows = np.lib.stride_tricks.sliding_window_view(step, STEADY_FRAMES)
@@ -39,11 +65,11 @@ def check_times(times_s: Float[np.ndarray, "frame"], name: str) -> None:
             raise TrackingError(
                 f"{name}: frames are {1e3 * pace[fast]:.2f} ms apart near frame {fast} and "
                 f"{1e3 * pace[slow]:.2f} ms near frame {slow}: a slow-motion ramp is baked into this clip, "
-                f"and its times are not the times of the motion. {original}"
+                f"and its times are not the times of the motion. {ORIGINAL}"
             )
     k, usual = int(np.argmax(step)), float(np.median(step))
     if step[k] > GAP_FRAMES * usual:
         raise TrackingError(
             f"{name}: the clock jumps by {1e3 * step[k]:.1f} ms after frame {k} "
-            f"(frames are usually {1e3 * usual:.2f} ms apart). {original}"
+            f"(frames are usually {1e3 * usual:.2f} ms apart). {ORIGINAL}"
         )

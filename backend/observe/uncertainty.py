@@ -7,10 +7,9 @@ slow motion cancels, measure it.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.special import gammainc, gammaincinv
 
 FLOOR_PX = 0.02  # a still dot repeats its error unseen: its error on the pixel grid is about this large
 UNMEASURED_PX = 0.1  # taken where a clip is too short to tell
@@ -19,9 +18,11 @@ ORDERS = (3, 5)  # the fifth cancels the fast swings that the third leaves in, a
 
 
 def difference_noise(
-    times_s: Float[np.ndarray, "frame"], px: Float[np.ndarray, "frame 2"], order: int
-) -> Float[np.ndarray, "2 2"] | None:
+    times_s: Float[np.ndarray, "frame"], px: Float[np.ndarray, "frame d"], order: int
+) -> Float[np.ndarray, "d d"] | None:
     """Covariance of white noise [px^2], from differences of the given order; None with too few points.
+
+    Of points in space, in metres, it is a covariance in m^2.
 
     Divided differences, scaled to carry unit noise: they cancel a polynomial in time also where frames are
     unevenly spaced.  Rows with NaN break the chain.  The 5% largest are impacts or blunders and are left out.
@@ -40,12 +41,22 @@ def difference_noise(
     if len(rest) < ENOUGH:
         return None
     scale = np.maximum(1.4826 * np.median(np.abs(rest), axis=0), 1e-9)
-    size = np.hypot(*(rest / scale).T)
+    size = np.linalg.norm(rest / scale, axis=1)
     cut = np.quantile(size, 0.95)
     kept = rest[size <= cut]
-    # A round normal cloud cut at 95% keeps this part of its variance (r^2 is exponential).
-    inner = 1 + 0.05 * math.log(0.05) / 0.95
+    # A round normal cloud cut at 95% keeps this part of its variance (r^2 / 2 is gamma of order d / 2).
+    d = px.shape[1]
+    inner = float(gammainc(d / 2 + 1, gammaincinv(d / 2, 0.95))) / 0.95
     return kept.T @ kept / len(kept) / inner
+
+
+def track_noise(
+    times_s: Float[np.ndarray, "frame"], at: Float[np.ndarray, "frame d"]
+) -> Float[np.ndarray, "d d"] | None:
+    """Covariance of a track's noise, from the order of differences that leaves less motion in; None if too short."""
+    tried = [difference_noise(times_s, at, order) for order in ORDERS]
+    usable = [c for c in tried if c is not None]
+    return min(usable, key=lambda c: float(np.trace(c))) if usable else None
 
 
 def point_covariance(
@@ -62,9 +73,7 @@ def point_covariance(
     track = np.where(whole[..., None], px, np.nan)
     noise: list[np.ndarray | None] = []
     for m in range(px.shape[1]):
-        tried = [difference_noise(times_s, track[:, m], order) for order in ORDERS]
-        usable = [c for c in tried if c is not None]
-        noise.append(min(usable, key=lambda c: float(np.trace(c))) if usable else None)
+        noise.append(track_noise(times_s, track[:, m]))
     measured = [c for c in noise if c is not None]
     usual = np.mean(measured, axis=0) if measured else UNMEASURED_PX**2 * np.eye(2)
     own = np.stack([usual if c is None else c for c in noise]) + FLOOR_PX**2 * np.eye(2)

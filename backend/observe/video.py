@@ -19,7 +19,7 @@ from av.error import FFmpegError
 from av.video.frame import VideoFrame
 from jaxtyping import Float, UInt8
 
-from backend.observe.timestamps import check_times
+from backend.observe.timestamps import check_times, played_slower
 from backend.observe.tracking_error import TrackingError
 
 THREADS = min(4, os.cpu_count() or 1)  # each decoding thread holds a frame
@@ -52,13 +52,15 @@ class Index:
     """What the container says before a frame is decoded.
 
     times_s: presentation times, in order [s].  promised: frames the header announces (0: it does not say).
-    missing_s: how much shorter the readable part is than the header says [s].
+    missing_s: how much shorter the readable part is than the header says [s].  captured_per_s: the rate at which
+    the camera says it filmed; None where it says nothing.
     """
 
     times_s: Float[np.ndarray, "frame"]
     promised: int
     missing_s: float
     damaged: int
+    captured_per_s: float | None = None
 
     @property
     def truncated(self) -> bool:
@@ -95,6 +97,7 @@ def read_index(path: str | Path) -> Index:
             except FFmpegError:  # the data ends in the middle of a frame
                 damaged += 1
             promised, length = stream.frames, stream.duration
+            captured = container.metadata.get("com.android.capture.fps")
             length_s = float(length * base) if length else float((container.duration or 0) / 1_000_000)
     except FFmpegError as error:
         raise TrackingError(
@@ -106,7 +109,16 @@ def read_index(path: str | Path) -> Index:
         raise TrackingError(f"{name} holds {len(stamps)} frames; motion needs at least two. {remedy}")
     times = np.sort(np.array(stamps, np.int64)) * float(base)
     seen_s = times[-1] - times[0] + float(np.median(np.diff(times)))
-    return Index(times, promised, max(0.0, float(length_s - seen_s)), int(damaged))
+    return Index(times, promised, max(0.0, float(length_s - seen_s)), int(damaged), _rate(captured))
+
+
+def _rate(words: str | None) -> float | None:
+    """A rate as a tag spells it; None for one that is none."""
+    try:
+        rate = float(words or "")
+    except ValueError:
+        return None
+    return rate if np.isfinite(rate) and rate > 0 else None
 
 
 class Video:
@@ -114,7 +126,8 @@ class Video:
 
     Raises TrackingError for what is no video, for a clock that jumps, and for a file that ends too early
     (it says how many frames could be read) unless `keep_truncated`: then the readable frames are served
-    and `warnings` says what is missing.
+    and `warnings` says what is missing.  times_s: when each frame was seen [s]; a clip that plays slower than it
+    was filmed, and says so, has its times brought back.
     """
 
     def __init__(self, path: str | Path, keep_truncated: bool = False):
@@ -123,7 +136,10 @@ class Video:
         check_times(index.times_s, self.name)
         self.frame_count, self.truncated = len(index.times_s), index.truncated
         self.keep_truncated, self.promised = keep_truncated, index.promised
-        self.frames_per_s = 1 / float(np.median(np.diff(index.times_s)))
+        self._pace, self._of_clock = played_slower(index.times_s, index.captured_per_s, self.name)
+        self.warnings += self._of_clock
+        self.times_s = self._pace * index.times_s
+        self.frames_per_s = 1 / float(np.median(np.diff(self.times_s)))
         if index.truncated:
             self._report(self.frame_count)
 
@@ -133,9 +149,9 @@ class Video:
         found = f"{self.name} ends too early: {read}{of} frames could be read"
         if not self.keep_truncated:
             raise TrackingError(
-                f"{found}. Copy the recording from the camera again, or ask for the readable part to be kept."
+                f"{found}. Copy the recording from the camera again, or keep the readable part (--keep-truncated)."
             )
-        self.warnings = [f"{found}; the rest is missing from the tracks."]
+        self.warnings = [*self._of_clock, f"{found}; the rest is missing from the tracks."]
 
     def __iter__(self) -> Iterator[Frame]:
         read, last = 0, -np.inf
@@ -152,7 +168,7 @@ class Video:
                     break
                 if picture.pts is None or picture.is_corrupt or picture.time is None:
                     continue
-                time_s = float(picture.pts * (picture.time_base or stream.time_base or Fraction(1)))
+                time_s = self._pace * float(picture.pts * (picture.time_base or stream.time_base or Fraction(1)))
                 if time_s <= last:
                     continue
                 last = time_s

@@ -42,7 +42,7 @@ def tracks_table(
     }
     flat |= {f"{axis}_m": world_m[..., k].ravel() for k, axis in enumerate("xyz")}
     flat |= {f"{axis}_px": px[..., k].ravel() for k, axis in enumerate("xy")}
-    return pd.DataFrame({column: flat[column] for column in COLUMNS})
+    return pd.DataFrame({column: flat[column] for column in COLUMNS}, copy=False)
 
 
 def write_tracks(tracks: pd.DataFrame, path: Path) -> Path:

@@ -1,9 +1,15 @@
+import json
+import subprocess
+import sys
 from fractions import Fraction
 
 import av
+import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from backend.cli import app
 from backend.observe.measure import track_video
 from backend.observe.timestamps import check_times
 from backend.observe.tracking_error import TrackingError
@@ -12,14 +18,18 @@ from backend.observe.video import Video
 from .scenes import errors_m, film, four
 
 
-def repacked(source, target, options=None, turn=0):
-    """The same pictures in another container, unchanged."""
+def repacked(source, target, options=None, turn=0, tags=None, slower=1):
+    """The same pictures in another container, unchanged but for turn, tags and the pace at which they play."""
     with av.open(str(source)) as given, av.open(str(target), "w", options=options or {}) as made:
+        made.metadata.update(tags or {})
         stream = made.add_stream_from_template(given.streams.video[0])
         if turn:
             stream.set_display_rotation(turn)
         for packet in given.demux(video=0):
             if packet.dts is not None:
+                packet.pts, packet.dts, packet.duration = (
+                    slower * t for t in (packet.pts, packet.dts, packet.duration)
+                )
                 packet.stream = stream
                 made.mux(packet)
     return target
@@ -63,6 +73,97 @@ def test_a_turned_clip_is_read_as_a_viewer_shows_it(four_dots, tmp_path, turn):
     assert turned.bgr().shape == (*turned.luma.shape, 3)
 
 
+@pytest.mark.skipif("libx265" not in av.codecs_available, reason="this build of PyAV has no libx265 to film with")
+@pytest.mark.parametrize("turn", [0, 90])
+def test_ten_bit_hevc_is_read_at_eight_bits_and_upright(tmp_path, turn):
+    """What phones film by default: Main 10, 4:2:0, here with a ramp in luma and one colour."""
+    ramp = np.tile(np.linspace(16, 235, 128), (96, 1)) + np.linspace(0, 2, 96)[:, None]
+    with av.open(str(tmp_path / "plain.mp4"), "w") as out:
+        stream = out.add_stream("libx265", rate=240, options={"crf": "4", "x265-params": "log-level=none"})
+        stream.width, stream.height, stream.pix_fmt = 128, 96, "yuv420p10le"
+        for k in range(6):
+            picture = av.VideoFrame(128, 96, "yuv420p10le")
+            for plane, codes in zip(
+                picture.planes, (ramp, np.full((48, 64), 90.0), np.full((48, 64), 160.0)), strict=True
+            ):
+                row = np.zeros((plane.height, plane.line_size // 2), "<u2")
+                row[:, : plane.width] = np.round(4 * codes)  # ten bits count quarters of a code
+                plane.update(row.tobytes())
+            picture.pts = k
+            out.mux(stream.encode(picture))
+        out.mux(stream.encode(None))
+    video = Video(repacked(tmp_path / "plain.mp4", tmp_path / "turned.mp4", turn=turn))
+    frames = list(video)
+    assert frames[0].source.format.name == "yuv420p"
+    np.testing.assert_allclose([f.time_s for f in frames], np.arange(6) / 240 + frames[0].time_s, atol=1e-5)  # ticks
+    upright = np.rot90(ramp, turn // 90)
+    assert frames[3].luma.shape == upright.shape
+    # Rounding to eight bits, and crf 4 on a clean ramp: one code; half a code of it would be a shift.
+    off = frames[3].luma - upright
+    assert np.abs(off).max() <= 2.5
+    assert abs(off.mean()) < 0.3
+    assert np.abs(frames[3].cb - 90.0).max() <= 1
+    assert np.abs(frames[3].cr - 160.0).max() <= 1
+
+
+def test_streaming_ten_times_as_many_frames_needs_no_more_memory(tmp_path):
+    """Read in processes of their own, whose peak is theirs alone."""
+    peaks = []
+    for count in (40, 400):
+        with av.open(str(tmp_path / f"{count}.mp4"), "w") as out:
+            stream = out.add_stream("libx264", rate=240, options={"preset": "ultrafast"})
+            stream.width, stream.height, stream.pix_fmt = 1280, 720, "yuv420p"
+            for k in range(count):
+                picture = av.VideoFrame.from_ndarray(np.full((1080, 1280), 40 + k % 100, np.uint8), format="yuv420p")
+                picture.pts = k
+                out.mux(stream.encode(picture))
+            out.mux(stream.encode(None))
+        # VmHWM: ru_maxrss would start at what the parent held.
+        read = (
+            "import sys; from backend.observe.video import Video; n = sum(1 for _ in Video(sys.argv[1]));"
+            "print(n, next(r.split()[1] for r in open('/proc/self/status') if r.startswith('VmHWM')))"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", read, str(tmp_path / f"{count}.mp4")], capture_output=True, text=True, check=True
+        )
+        read_frames, kilobytes = map(int, done.stdout.split())
+        assert read_frames == count
+        peaks.append(kilobytes / 1024)
+    # 360 more frames are 500 MB as luma and colour, 1 GB as BGR.
+    assert peaks[1] - peaks[0] < 30
+
+
+def test_slow_motion_that_says_how_it_was_filmed_gets_its_times_back(four_dots, tmp_path):
+    """Some cameras write 240 frames a second to be played at 30, and note the 240."""
+    tags = {"com.android.capture.fps": "240.000000"}
+    slow = repacked(
+        four_dots.path, tmp_path / "slow.mp4", {"movflags": "use_metadata_tags"}, tags=tags, slower=8
+    )  # fmt: skip
+    video = Video(slow)
+    assert video.frames_per_s == pytest.approx(240, rel=1e-3)  # stamps are whole microseconds
+    assert np.abs(np.array([f.time_s for f in video]) - np.arange(60) / 240).max() < 1e-5
+    assert "plays at 30: its times are divided by 8" in video.warnings[0]
+    true = repacked(four_dots.path, tmp_path / "true.mp4", {"movflags": "use_metadata_tags"}, tags=tags)
+    assert Video(true).warnings == []
+    dark = repacked(four_dots.path, tmp_path / "dark.mp4", {"movflags": "use_metadata_tags"}, tags=tags, slower=2)
+    assert Video(dark).frames_per_s == pytest.approx(120, rel=1e-3)  # a camera that halved its rate, no slow motion
+
+
+def test_the_command_line_keeps_a_truncated_clip_when_asked(four_dots, tmp_path):
+    whole = repacked(four_dots.path, tmp_path / "whole.mp4", {"movflags": "faststart"}).read_bytes()
+    (tmp_path / "short.mp4").write_bytes(whole[: len(whole) * 3 // 5])
+    (tmp_path / "m.json").write_text(four_dots.mechanism.model_dump_json())
+    (tmp_path / "bed.json").write_text(json.dumps(four_dots.bed))
+    given = ["track", tmp_path / "short.mp4", "--mechanism", tmp_path / "m.json", "--bed", tmp_path / "bed.json"]
+    given = [str(a) for a in [*given, "--out", tmp_path / "out", "--json"]]
+    refused = CliRunner().invoke(app, given)
+    assert refused.exit_code == 2
+    assert "--keep-truncated" in refused.stderr
+    kept = CliRunner().invoke(app, [*given, "--keep-truncated"])
+    assert kept.exit_code == 0
+    assert json.loads(kept.stdout)["truncated"]
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [(b"", "is empty"), (b"To whom it may concern. " * 400, "cannot be opened"), (bytes(5000), "cannot be opened")],
@@ -81,6 +182,16 @@ def test_a_missing_file_and_a_picture_are_refused(tmp_path):
     (tmp_path / "still.png").rename(tmp_path / "still.mp4")
     with pytest.raises(TrackingError, match="one frame"):
         Video(tmp_path / "still.mp4")
+    jpeg = cv2.imencode(".jpg", np.zeros((64, 64, 3), np.uint8))[1]
+    (tmp_path / "photo.mp4").write_bytes(jpeg.tobytes())
+    with pytest.raises(TrackingError, match=r"photo\.mp4 (holds one frame|cannot be opened)"):
+        Video(tmp_path / "photo.mp4")
+
+
+def test_subtitles_named_like_a_clip_have_no_picture(tmp_path):
+    (tmp_path / "words.mp4").write_text("1\n00:00:00,000 --> 00:00:01,000\nHello\n\n" * 20)
+    with pytest.raises(TrackingError, match=r"words\.mp4 (has no picture|cannot be opened)"):
+        Video(tmp_path / "words.mp4")
 
 
 def test_sound_alone_is_refused(tmp_path):
@@ -139,7 +250,9 @@ def test_a_baked_in_slow_motion_ramp_is_refused(tmp_path):
     step = np.repeat([1 / 240, 1 / 30, 1 / 240], 20)
     times = np.r_[0, np.cumsum(step)]
     clip = film(tmp_path / "ramp.mp4", times, lambda t: four(0 * t))
-    with pytest.raises(TrackingError, match=r"slow-motion ramp is baked.*original"):
+    with pytest.raises(
+        TrackingError, match=r"slow-motion ramp is baked.*original file from the camera.*Unmodified Original"
+    ):
         Video(clip.path)
 
 

@@ -1,0 +1,98 @@
+"""Tracks become the points that other tools read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from backend.observe.bed import Bed
+from backend.observe.exchange import deeplabcut, sleap, trc
+from backend.observe.exchange.camera import Footage
+from backend.observe.exchange.into_tracks import Drawn
+from backend.observe.exchange.points import Points, listed
+from backend.observe.tracking_error import TrackingError
+
+# Both tools' usual thresholds (0.6 and 0.2) let whole dots through and stop predictions.
+SCORES = {"ok": 1.0, "observed": 1.0, "outlier": 0.5, "predicted": 0.1, "occluded": 0.0}
+WRITERS: dict[str, tuple[tuple[str, Callable[[Points, Path], Path]], ...]] = {
+    "deeplabcut": (("deeplabcut.csv", deeplabcut.write_csv), ("deeplabcut.h5", deeplabcut.write_h5)),
+    "sleap": (("sleap.h5", sleap.write_h5),),
+    "trc": (("tracks.trc", trc.write_trc),),
+}
+
+
+def export(
+    table: pd.DataFrame, to: str, drawn: Drawn, clip: Footage, bed: Bed | None, folder: Path, source: str
+) -> tuple[list[Path], list[str]]:
+    """Write a table of tracks for another tool; the files, and what their user should know.
+
+    to: a key of WRITERS.  DeepLabCut and SLEAP take pixels: the table's own, or through `bed`.
+    """
+    points = _metres(table, source)
+    points = _with_depth(points, drawn) if to == "trc" else _pixels(table, points, drawn, clip, bed)
+    folder.mkdir(parents=True, exist_ok=True)
+    return [write(points, folder / name) for name, write in WRITERS[to]], list(points.notes)
+
+
+def _grid(table: pd.DataFrame) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Markers, times and frame numbers, and for each row of the table its frame and its marker in the grid."""
+    names = list(dict.fromkeys(table.marker))
+    times, row = np.unique(table.time_s.to_numpy(float), return_inverse=True)
+    frame = np.arange(len(times))
+    if "frame" in table and np.isfinite(table.frame.to_numpy(float)).all():
+        frame[row] = table.frame.to_numpy(int)
+    return names, times, frame, row, table.marker.map({name: k for k, name in enumerate(names)}).to_numpy(int)
+
+
+def _metres(table: pd.DataFrame, source: str) -> Points:
+    names, times, frame, row, marker = _grid(table)
+    at, score = np.full((len(times), len(names), 3), np.nan), np.zeros((len(times), len(names)))
+    at[row, marker] = table[["x_m", "y_m", "z_m"]].to_numpy(float)
+    score[row, marker] = table.status.map(SCORES).to_numpy(float) if "status" in table else 1.0
+    return Points(source, tuple(names), frame, at, score, times)
+
+
+def _with_depth(points: Points, drawn: Drawn) -> Points:
+    """TRC knows no point without a depth: what was not measured is taken from the drawing, and said."""
+    flat = np.all(np.isnan(points.at), axis=(0, 1))
+    if flat.all():
+        raise TrackingError(f"{points.source} holds not one place to write.")
+    at, seen = points.at.copy(), np.all(np.isfinite(points.at[..., ~flat]), axis=2)
+    expected = np.array([drawn[name] for name in points.names])
+    at[..., flat] = np.where(seen[..., None], expected[:, flat], np.nan)
+    axes = ", ".join(f"{axis}_m" for axis, unmeasured in zip("xyz", flat, strict=True) if unmeasured)
+    note = (f"{axes} was not measured: the TRC file holds the drawn value.",) if axes else ()
+    return Points(points.source, points.names, points.frame, at, points.score, points.time_s, notes=note)
+
+
+def _pixels(table: pd.DataFrame, points: Points, drawn: Drawn, clip: Footage, bed: Bed | None) -> Points:
+    _, times, _, row, marker = _grid(table)
+    px = np.full((*points.at.shape[:2], 2), np.nan)
+    if {"x_px", "y_px"} <= set(table.columns):
+        px[row, marker] = table[["x_px", "y_px"]].to_numpy(float)
+    if np.isnan(px).all():
+        if bed is None:
+            remedy = "Give --bed BED.json, through which metres become pixels."
+            raise TrackingError(f"{points.source} holds no pixels (x_px, y_px). {remedy}")
+        seen = np.isfinite(points.at).sum(2) >= 2
+        markers = list(drawn)
+        heights = bed.heights(markers)[0][[markers.index(name) for name in points.names]]
+        known = np.where(np.isnan(points.at), np.array(bed.plane.origin_m), points.at)
+        on_bed = bed.plane.from_world(known)[..., :2]
+        view, _ = clip.view(bed, np.zeros((0, 2)))
+        px[seen] = view.pixels(on_bed[seen], np.broadcast_to(heights, seen.shape)[seen])
+    uneven = np.ptp(np.diff(times)) > 0.01 * np.median(np.diff(times)) if len(times) > 1 else False
+    note = (
+        ("Frames are unevenly spaced in time, and these files count frames: keep the clip beside them.",)
+        if uneven
+        else ()
+    )
+    return Points(points.source, points.names, points.frame, px, points.score, notes=note)
+
+
+def known_targets() -> str:
+    """The names of what can be written."""
+    return listed(["tracks", *WRITERS])

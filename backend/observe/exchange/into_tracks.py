@@ -1,0 +1,115 @@
+"""Points tracked elsewhere become tracks: times, places on the bed, status and noise.
+
+A tool's score says whether a point was seen, never how well: networks are sure of places that are pixels off.
+The noise is measured along each point's own track, as it is for dots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from backend.observe.account import warn_height, warn_marks
+from backend.observe.bed import Bed
+from backend.observe.exchange.camera import Footage
+from backend.observe.exchange.points import Points, listed
+from backend.observe.place import in_world
+from backend.observe.tracking_error import TrackingError
+from backend.observe.uncertainty import point_covariance, track_noise
+from backend.observe.write import tracks_table
+
+FLOOR_M = 1e-5  # no motion capture repeats better; a simulated file has no noise at all
+STRAY = 0.25  # of the drawing's extent: a start so far from the drawn pose is more likely a wrong name or axis
+
+Drawn = dict[str, Float[np.ndarray, "3"]]
+
+
+def into_tracks(
+    points: Points, drawn: Drawn, clip: Footage, bed: Bed | None, least_score: float | None = None
+) -> tuple[pd.DataFrame, list[str]]:
+    """The table of tracks, one row per frame and marker, and what its user should know.
+
+    points: under the drawing's names.  drawn: each marker's world position [m].  least_score: below it a point
+    counts as hidden (default: what the tool itself uses).
+    Raises TrackingError where times or places cannot be had.
+    """
+    sure = points.sure if least_score is None else least_score
+    seen = np.isfinite(points.at).all(2) & ~(points.score < sure)
+    if not seen.any():
+        raise TrackingError(
+            f"{points.source}: no point reaches the score {sure:g} (the best is {np.nanmax(points.score):.2f}). "
+            "Track again, or lower --least-score."
+        )
+    points = _to_last(points, seen, clip)
+    seen = seen[: len(points.frame)]
+    at = np.where(seen[..., None], points.at, np.nan)
+    times = points.time_s if points.time_s is not None else clip.times(points.frame, points.source)
+    if len(times) < 2:
+        raise TrackingError(f"{points.source} holds one frame; motion needs at least two. Export the whole clip.")
+    notes = [*points.notes, *clip.warnings]
+    status = np.where(seen, "observed", "occluded").astype(object)
+    if points.in_pixels:
+        world, sigma, px, cov, more = _seen_by_camera(points, at, seen, times, drawn, clip, bed)
+        notes += more
+        if clip.times_s is not None and len(clip.times_s) > points.frame[-1] + 1:
+            notes.append(
+                f"{points.source} ends at frame {points.frame[-1]}, {clip.name} at {len(clip.times_s) - 1}: "
+                "were empty frames at its start left out, every time is too early."
+            )
+    else:
+        noise = [track_noise(times, at[:, m]) for m in range(at.shape[1])]
+        each = [np.nan if c is None else np.sqrt(np.trace(c) / 3 + FLOOR_M**2) for c in noise]
+        world, sigma = at, np.where(seen, np.array(each), np.nan)
+        px, cov = np.full((*seen.shape, 2), np.nan), np.full((*seen.shape, 2, 2), np.nan)
+    cov = np.where(seen[..., None, None], cov, np.nan)
+    table = tracks_table(points.names, times, points.frame, world, sigma, px, cov, status)
+    if not points.in_pixels:
+        table = table.drop(columns=[name for name in table.columns if name.endswith(("_px", "_px2"))])
+    return table, notes + _start(points, world, drawn)
+
+
+def _to_last(points: Points, seen: np.ndarray, clip: Footage) -> Points:
+    """Without the empty rows that some tools append beyond the clip's end."""
+    if clip.times_s is None or points.time_s is not None:
+        return points
+    last = int(np.flatnonzero(seen.any(1))[-1]) + 1
+    inside = int(np.searchsorted(points.frame, len(clip.times_s)))
+    keep = max(last, inside)
+    return replace(points, frame=points.frame[:keep], at=points.at[:keep], score=points.score[:keep])
+
+
+def _seen_by_camera(
+    points: Points, at: np.ndarray, seen: np.ndarray, times: np.ndarray, drawn: Drawn, clip: Footage, bed: Bed | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, list[str]]:
+    if bed is None:
+        raise TrackingError(f"{points.source} is in pixels. Give --bed BED.json: marks in metres and in pixels.")
+    markers = list(drawn)
+    heights, notes = bed.heights(markers)
+    heights = heights[[markers.index(name) for name in points.names]]
+    px = at[seen]
+    view, width = clip.view(bed, px)
+    alike = np.broadcast_to(np.eye(2), (*seen.shape, 2, 2))  # the tool says nothing of one picture against another
+    cov = point_covariance(times, at, alike, seen)
+    world, sigma = in_world(at, cov, view, bed, heights)
+    return world, sigma, at, cov, notes + warn_height(bed, view, px, width) + warn_marks(bed, view)
+
+
+def _start(points: Points, world: np.ndarray, drawn: Drawn) -> list[str]:
+    """Whether the first places are where the drawing has them: wrong names and turned axes show here."""
+    expected = np.array([drawn[name] for name in points.names])
+    extent = float(np.linalg.norm(np.ptp(expected, axis=0)))
+    away = np.full(len(points.names), np.nan)
+    for m, p_WM in enumerate(expected):
+        seen = np.flatnonzero(np.any(np.isfinite(world[:, m]), axis=1))
+        if len(seen):
+            away[m] = np.sqrt(np.nansum((world[seen[0], m] - p_WM) ** 2))
+    if extent == 0 or np.nanmedian(away) <= STRAY * extent:
+        return []
+    far = [name for name, d in zip(points.names, away, strict=True) if d > STRAY * extent]
+    return [
+        f"The points start {1e3 * np.nanmedian(away):.0f} mm (median) from where the drawing has them: {listed(far)}. "
+        "Check --names, and that the axes and the origin are those of the drawing."
+    ]
