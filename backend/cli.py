@@ -18,6 +18,7 @@ from backend.commands.diagnose import diagnose
 from backend.commands.export import export
 from backend.commands.fit import fit
 from backend.commands.jam import jam
+from backend.commands.kit import kit
 from backend.commands.simulate import simulate
 from backend.commands.track import track
 from backend.commands.twin import twin
@@ -31,7 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (demo, export, check, simulate, track, fit, diagnose, twin, jam, blind):
+for command in (demo, export, check, simulate, kit, track, fit, diagnose, twin, jam, blind):
     app.command()(command)
 
 
