@@ -16,7 +16,7 @@ def find_tags(luma: UInt8[np.ndarray, "h w"]) -> dict[int, Float[np.ndarray, "2"
     Raises TrackingError where an id is seen twice: two prints of one tag cannot be told apart.
     """
     corners, ids, _ = cv2.aruco.ArucoDetector(tag_dictionary(), _parameters()).detectMarkers(luma)
-    seen = [] if ids is None else np.ravel(ids).tolist()
+    seen = [int(i) for i in np.ravel(ids)] if ids is not None else []
     if twice := sorted({i for i in seen if seen.count(i) > 1}):
         raise TrackingError(
             f"Bed tag {', '.join(map(str, twice))} is seen twice in the picture; cover or remove one of the two."

@@ -137,7 +137,7 @@ def _tags(axes: Axes, paper: str) -> None:
         TOP + 4,
         f"{kit.TAG_FAMILY}, black square {side:.0f} mm. Cut along the grey line and keep the white margin. Glue four\n"
         "or more flat on the bed, round the mechanism, far apart. Measure each tag's centre, where its side marks\n"
-        'cross, to half a millimetre, and write it into the bed file:  "tags": [{"id": 0, "x_m": -0.300, "y_m": 0.150}, ...]',
+        'cross, to half a millimetre, and list it in the bed file: "tags": [{"id": 0, "x_m": -0.3, "y_m": 0.15}]',
         8.2,
     )
     for tag, (x, y) in tag_places(paper).items():
@@ -160,7 +160,7 @@ def _board(axes: Axes, paper: str) -> None:
         x,
         6.5,
         f"ChArUco {columns} x {rows}: squares {square:.0f} mm, markers {marker:.0f} mm, {kit.BOARD_FAMILY}\n"
-        "Lens board: glue it to a plate that stays flat. Film it with the settings of your clips: linktwin calibrate CLIP",
+        "Lens board: glue it to a flat plate. Film it with the settings of your clips, then: linktwin calibrate CLIP",
         8.2,
     )
     _cells(axes, x, y, square, kit.board_squares())
