@@ -12,6 +12,7 @@ from pathlib import Path
 import typer
 
 from backend.commands.blind import blind
+from backend.commands.calibrate import calibrate
 from backend.commands.check import check
 from backend.commands.demo import demo
 from backend.commands.diagnose import diagnose
@@ -32,7 +33,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (demo, export, check, simulate, kit, track, fit, diagnose, twin, jam, blind):
+for command in (demo, export, check, simulate, kit, calibrate, track, fit, diagnose, twin, jam, blind):
     app.command()(command)
 
 

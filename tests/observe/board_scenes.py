@@ -5,7 +5,9 @@ from functools import cache
 import cv2
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.patches import Circle
 
+from backend.observe.kit import INKS
 from backend.report.kit_pages import MM_PER_INCH, PAPERS_MM, board_place, kit_pages, tag_places
 
 SIZE = (1280, 720)
@@ -15,14 +17,17 @@ DPI = 127  # 5 px per mm: whole pixels on A4
 
 
 @cache
-def page(name):
-    """A page of the kit, softened a little: a camera's lens is never sharper."""
+def page(name, dots_mm=()):
+    """A page of the kit, softened a little: a camera's lens is never sharper.  In colour where dots are added."""
     figure = kit_pages("a4")[name]
+    for at in dots_mm:
+        figure.axes[0].add_patch(Circle(at, 4.0, facecolor=INKS[0].rgb, linewidth=0))
     figure.set_dpi(DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    grey = cv2.cvtColor(np.asarray(canvas.buffer_rgba())[..., :3], cv2.COLOR_RGB2GRAY)
-    return cv2.GaussianBlur(grey, (0, 0), 1.5).astype(np.float32)
+    seen = np.asarray(canvas.buffer_rgba())[..., :3]
+    seen = seen if dots_mm else cv2.cvtColor(seen, cv2.COLOR_RGB2GRAY)
+    return cv2.GaussianBlur(seen, (0, 0), 1.5).astype(np.float32)
 
 
 @cache
@@ -42,17 +47,15 @@ def lean(about_x_deg, about_y_deg, about_z_deg=0.0):
     return cv2.Rodrigues(np.array([a, b, 0]))[0] @ cv2.Rodrigues(np.array([0, 0, c]))[0]
 
 
-def photograph(R, middle_mm, name="board", about_mm=None, size=SIZE, noise=1.5, blur_px=0.0, seed=0):
+def photograph(R, middle_mm, name="board", about_mm=None, size=SIZE, noise=1.5, seed=0, dots_mm=()):
     """The page seen with its point `about_mm` (default: the board's middle) at `middle_mm` before the camera."""
-    texture = page(name)
+    texture = page(name, dots_mm)
     about = np.array([*(about_mm or (PAPERS_MM["a4"][0] / 2, board_place("a4")[1] + 112.5)), 0.0])
     normal, t = R[:, 2], np.asarray(middle_mm, float) - R @ about
     ray = rays(size)
     on_page = (ray * ((normal @ t) / (ray @ normal))[..., None] - t) @ R
     at = (on_page[..., :2] * DPI / MM_PER_INCH - 0.5).astype(np.float32)
-    picture = cv2.remap(texture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=90.0)
-    if blur_px:
-        picture = cv2.GaussianBlur(picture, (0, 0), blur_px)
+    picture = cv2.remap(texture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=(90.0, 90.0, 90.0))
     sensor = 20 + 0.75 * picture + np.random.default_rng(seed).normal(0, noise, picture.shape)
     return np.clip(np.round(sensor), 0, 255).astype(np.uint8)
 
