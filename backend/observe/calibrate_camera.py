@@ -1,18 +1,17 @@
-"""A camera's lens from pictures of the kit's board (Zhang 2000; the model is that of backend.observe.lens)."""
+"""A camera's lens from pictures of the kit's board."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from backend.observe.board_views import BoardView, Progress, choose_views, look_for_board
 from backend.observe.camera import Camera, Deviations
+from backend.observe.lens_fit import LensFit, fit_lens
 from backend.observe.project import PHONE_FOCAL
 from backend.observe.tracking_error import TrackingError
 
@@ -22,7 +21,7 @@ LEANING_DEG, LEAST_LEANING = 10.0, 4  # a board square to the camera shows the r
 LEAST_COVERAGE, GOOD_COVERAGE = 0.35, 0.7  # of the picture's area
 FOCAL_LIMIT = 0.01  # relative sd beyond which a focal length is not known
 OFF = 3.0  # times the usual misfit: a view in which the board was bent, blurred or misread
-NOTICEABLE = 3.0  # standard deviations below which k3 is left at zero: far out it would only carry noise
+BENT_M = 3e-4  # a board this far from flat deserves a better plate; smaller bends are fitted and not spoken of
 RAISED_MM, HEIGHT_MM = 10.0, 800.0  # the bed of which warnings speak
 ADVICE = (
     "Film the flat board for half a minute, still for a second in each of 20 places: the middle, edges and corners "
@@ -32,16 +31,6 @@ GRID = (48, 27)  # cells in which coverage is counted
 PLACES = np.array(
     [["upper left", "top", "upper right"], ["left", "middle", "right"], ["lower left", "bottom", "lower right"]]
 )
-
-
-@dataclass(frozen=True)
-class Solution:
-    """A least-squares fit: values and covariance in the order of camera.PARAMETERS, misfit of each view [px]."""
-
-    values: Float[np.ndarray, "9"]
-    covariance: Float[np.ndarray, "9 9"]
-    rms_px: float
-    view_rms_px: Float[np.ndarray, "view"]
 
 
 def calibrate_camera(files: Sequence[str | Path], progress: Progress | None = None) -> Camera:
@@ -74,13 +63,13 @@ def camera_from(views: Sequence[BoardView], size_px: tuple[int, int]) -> Camera:
             f"{_thin(seen)}: how the lens bends is not seen there. {ADVICE}"
         )
     kept, notes = list(views), []
-    fit = _solve(kept, size_px)
+    fit = fit_lens(kept, size_px)
     while len(kept) > LEAST_VIEWS and (off := fit.view_rms_px > OFF * np.median(fit.view_rms_px)).any():
         worst = int(fit.view_rms_px.argmax()) if len(kept) - off.sum() < LEAST_VIEWS else None
         drop = off if worst is None else np.arange(len(kept)) == worst
         notes += [f"{v.source} was left out: it misfits by {e:.2g} px." for v, e in _where(kept, fit.view_rms_px, drop)]
         kept = [v for v, gone in zip(kept, drop, strict=True) if not gone]
-        fit = _solve(kept, size_px)
+        fit = fit_lens(kept, size_px)
     focal_sd = float(np.sqrt(np.diag(fit.covariance)[:2] / fit.values[:2] ** 2).max())
     if focal_sd > FOCAL_LIMIT:
         raise TrackingError(
@@ -88,6 +77,8 @@ def camera_from(views: Sequence[BoardView], size_px: tuple[int, int]) -> Camera:
             f"{100 * FOCAL_LIMIT:.0f}% is the limit. {ADVICE}"
         )
     seen = _covered(kept, size_px)
+    if fit.bend_m > BENT_M:
+        notes.append(f"The board is bent by {1e3 * fit.bend_m:.1f} mm; that was allowed for, a flat plate is better.")
     notes = [_coverage_note(seen), _focal_note(fit, size_px), *notes]
     return _camera(fit, size_px, len(kept), float(seen.mean()), tuple(notes))
 
@@ -126,7 +117,7 @@ def _coverage_note(seen: Bool[np.ndarray, "row column"]) -> str:
     return f"{said}, little of the {_thin(seen)}; dots there are placed less surely. {ADVICE}"
 
 
-def _focal_note(fit: Solution, size_px: tuple[int, int]) -> str:
+def _focal_note(fit: LensFit, size_px: tuple[int, int]) -> str:
     """What the focal length's uncertainty does to dots that lie above the plane of the bed tags."""
     focal = float(fit.values[:2].mean())
     relative = float(np.sqrt(np.diag(fit.covariance)[:2]).max()) / focal
@@ -138,59 +129,7 @@ def _focal_note(fit: Solution, size_px: tuple[int, int]) -> str:
     )
 
 
-def _solve(views: Sequence[BoardView], size_px: tuple[int, int]) -> Solution:
-    """Least squares over lens and poses; k3 stays zero where the views do not show it."""
-    fit = _least_squares(views, size_px, 0)
-    if abs(fit.values[8]) < NOTICEABLE * np.sqrt(fit.covariance[8, 8]):
-        fit = _least_squares(views, size_px, cv2.CALIB_FIX_K3)
-    return fit
-
-
-def _least_squares(views: Sequence[BoardView], size_px: tuple[int, int], flags: int) -> Solution:
-    board = [v.board_m.astype(np.float32) for v in views]
-    seen = [v.px.astype(np.float32) for v in views]
-    empty: Any = None
-    try:
-        rms, K, bends, turns, shifts, _, _, each = cv2.calibrateCameraExtended(
-            board, seen, size_px, empty, empty, flags=flags
-        )
-    except cv2.error as error:
-        raise TrackingError(f"The views of the board settle no lens ({error.err}). {ADVICE}") from error
-    bends = np.ravel(bends)[:5]
-    values = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *bends])
-    free = np.r_[np.ones(8, bool), not flags & cv2.CALIB_FIX_K3]
-    covariance = np.zeros((9, 9))
-    covariance[np.ix_(free, free)] = _covariance(views, K, bends, turns, shifts, free)
-    return Solution(values, covariance, float(rms), np.ravel(each))
-
-
-def _covariance(
-    views: Sequence[BoardView], K: np.ndarray, bends: np.ndarray, turns: Any, shifts: Any, free: Bool[np.ndarray, "9"]
-) -> Float[np.ndarray, "free free"]:
-    """Covariance of the lens with every pose set free (Schur complement), as scattered as the views say.
-
-    The middle factor sums each view's own pull on the lens: corners of one picture err together where the
-    board is not quite flat, and counting them as independent would promise too much (White 1980).
-    """
-    information, pulls = np.zeros((free.sum(), free.sum())), []
-    squares, count = 0.0, 0
-    for view, turn, shift in zip(views, turns, shifts, strict=True):
-        px, slope = cv2.projectPoints(view.board_m, turn, shift, K, bends)
-        pose, lens = slope[:, :6], slope[:, 6:15][:, free]
-        lens = lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0]
-        left = (view.px - px.reshape(-1, 2)).ravel()
-        information += lens.T @ lens
-        pulls.append(lens.T @ left)
-        squares, count = squares + float(left @ left), count + len(left) - 6
-    inverse = np.linalg.inv(information)
-    independent = inverse * squares / (count - free.sum())
-    gathered = np.array(pulls)
-    together = inverse @ (gathered.T @ gathered) @ inverse * len(views) / (len(views) - 1)
-    wider = np.sqrt(np.maximum(1.0, np.diag(together) / np.diag(independent)))
-    return independent * np.outer(wider, wider)
-
-
-def _camera(fit: Solution, size_px: tuple[int, int], views: int, coverage: float, notes: tuple[str, ...]) -> Camera:
+def _camera(fit: LensFit, size_px: tuple[int, int], views: int, coverage: float, notes: tuple[str, ...]) -> Camera:
     v, sd = fit.values.tolist(), np.sqrt(np.diag(fit.covariance)).tolist()
     keys = ("k1", "k2", "p1", "p2", "k3")
     return Camera(

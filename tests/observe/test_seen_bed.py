@@ -60,21 +60,21 @@ def true_px(page_mm):
     return cv2.projectPoints(at, cv2.Rodrigues(AWAY[0])[0], np.array(AWAY[1]), K, BENDS)[0].reshape(-1, 2)
 
 
-def test_tag_centres_are_found_to_a_tenth_of_a_pixel(luma):
+def test_tag_centres_are_found_to_a_twentieth_of_a_pixel(luma):
     found, printed = find_tags(luma), tag_centres_mm()
     assert sorted(found) == sorted(printed)
     off = np.array(list(found[i] for i in printed)) - true_px(list(printed.values()))
-    assert np.sqrt((off**2).sum(1).mean()) < 0.1  # px
+    assert np.hypot(*off.T).max() < 0.05  # px; 0.02 is usual, outlines alone are 0.2 off
 
 
-def test_tags_and_a_saved_camera_place_points_within_a_twentieth_of_a_millimetre(luma, bed_file):
+def test_tags_and_a_saved_camera_place_points_within_a_fiftieth_of_a_millimetre(luma, bed_file):
     bed, warnings = bed_in_picture(read_bed(bed_file), luma)
     assert warnings == []
     view = calibrate(bed, *SIZE)
     page = np.array([(x, y) for x in (20, 105, 190) for y in (20, 148, 280)], float)
     placed = 1e3 * view.metres(true_px(page), np.zeros(len(page)))
     error = np.hypot(*(placed - np.c_[page[:, 0], 297 - page[:, 1]]).T)
-    assert error.max() < 0.05  # mm; a pixel is 0.42 mm, a tag is good to 0.1 px, nine of them share the pose
+    assert error.max() < 0.02  # mm, 0.05 px: what a tag is good for
     assert 1e3 * abs(view.position_m[2]) == pytest.approx(true_height_mm(), rel=2e-3)
 
 
