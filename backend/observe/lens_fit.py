@@ -19,7 +19,7 @@ from backend.observe.kit import BOARD_COLUMNS, BOARD_ROWS, BOARD_SQUARE_M, board
 from backend.observe.tracking_error import TrackingError
 
 NOTICEABLE = 3.0  # standard deviations below which k3 is left at zero: far out it would only carry noise
-PASSES = 4  # the bend is nearly linear in the pixels: the third pass moves it by less than a micrometre
+PASSES = 3  # the bend is nearly linear in the pixels: the third pass would move it by less than a micrometre
 HALF_M = BOARD_SQUARE_M * np.array([BOARD_COLUMNS, BOARD_ROWS]) / 2
 
 

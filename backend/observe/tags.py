@@ -50,9 +50,10 @@ def _centre(luma: UInt8[np.ndarray, "h w"], tag: int, corners_px: Float[np.ndarr
     high = np.ceil(corners_px.max(0) + side / 3).astype(int)
     crop = luma[low[1] : high[1] + 1, low[0] : high[0] + 1].astype(np.float32)
     start = cv2.getPerspectiveTransform(square, (corners_px - low).astype(np.float32)).astype(np.float32)
+    every = np.full(crop.shape, 255, np.uint8)
     middle = np.array([*square.mean(0), 1.0])
     try:
-        _, laid = cv2.findTransformECC(pattern, crop, start.copy(), cv2.MOTION_HOMOGRAPHY, ENOUGH, None, SOFT_PX)
+        _, laid = cv2.findTransformECC(pattern, crop, start.copy(), cv2.MOTION_HOMOGRAPHY, ENOUGH, every, SOFT_PX)
     except cv2.error:  # no better place than the outline's
         laid = start
     guess, centre = (np.asarray(H, float) @ middle for H in (start, laid))

@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Circle
 
-from backend.observe.kit import INKS
+from backend.observe.board_views import BoardView
+from backend.observe.kit import INKS, board_corners_m
 from backend.report.kit_pages import MM_PER_INCH, PAPERS_MM, board_place, kit_pages, tag_places
 
 SIZE = (1280, 720)
@@ -68,6 +69,20 @@ def board_poses(count, seed=0, lean_deg=35.0):
         across = np.array([(-1, 0, 1)[k % 3] * 0.40, (-1, 0, 1)[k // 3 % 3] * 0.17]) + rng.uniform(-0.06, 0.06, 2)
         turn = rng.uniform(-20, 20) + (90 if k % 2 else 0)
         yield lean(*rng.uniform(-lean_deg, lean_deg, 2), turn), (across[0] * away, across[1] * away, away)
+
+
+def computed_views(seed, count=14, sag_mm=0.0):
+    """Corners where the lens puts them, with 0.05 px of noise; a bent board's ends rise by `sag_mm`."""
+    rng, drawn = np.random.default_rng(seed), []
+    at = 1e3 * board_corners_m() - np.array([87.5, 112.5, 0])
+    at[:, 2] = sag_mm * (at[:, 1] / at[:, 1].max()) ** 2
+    for R, middle in board_poses(count, seed=seed):
+        px = cv2.projectPoints(at, cv2.Rodrigues(R)[0], np.array(middle), K, BENDS)[0].reshape(-1, 2)
+        inside = ((px > 0) & (px < np.array(SIZE) - 1)).all(1)
+        drawn.append(
+            BoardView(np.flatnonzero(inside), px[inside] + rng.normal(0, 0.05, (inside.sum(), 2)), 0.4, "drawn")
+        )
+    return drawn
 
 
 def tag_centres_mm():
