@@ -19,8 +19,8 @@ GUIDE: tuple[tuple[str, tuple[str, ...]], ...] = (
         "Camera",
         (
             "On a stand that does not shake, looking square at the bed (within 5 degrees), 0.6 to 1.2 m away.",
-            "The bed fills the picture. Every millimetre that a dot lies above the tags shifts it by up to half a",
-            "millimetre at the picture's edge: measure that height and give it as marker_height_m.",
+            "The bed fills the picture. Every millimetre that a dot lies above the tags shifts it by up to 0.7 mm",
+            "at the picture's corners: measure that height and give it as marker_height_m.",
             "The 1x lens, no zoom, stabilisation off; hold a finger on the picture until focus and exposure lock.",
         ),
     ),

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, PathPatch, Rectangle
 from matplotlib.path import Path as Outline
@@ -181,13 +182,12 @@ def _cells(axes: Axes, x: float, y: float, cell: float, black: Bool[np.ndarray, 
 
 def _ruler(axes: Axes, x: float, y: float, upright: bool = False) -> None:
     """100 mm with a tick at every millimetre, from (x, y) to the right or downwards."""
+    lines = [[(0.0, 0.0), (RULER_MM, 0.0)]]
     for k in range(int(RULER_MM) + 1):
         tick = 4.0 if k % 10 == 0 else 2.8 if k % 5 == 0 else 1.8
-        along, across = np.array([k, k]), np.array([0, -tick])
-        u, v = (across, along) if upright else (along, across)
-        axes.plot(x + u, y + v, color=DARK, linewidth=0.35, solid_capstyle="butt", snap=False)
-    end = (0, RULER_MM) if upright else (RULER_MM, 0)
-    axes.plot([x, x + end[0]], [y, y + end[1]], color=DARK, linewidth=0.35, snap=False)
+        lines.append([(k, 0.0), (k, -tick)])
+    turned = [[(x + v, y + u) if upright else (x + u, y + v) for u, v in line] for line in lines]
+    axes.add_collection(LineCollection(turned, colors=DARK, linewidths=0.35, snap=False), autolim=False)
     for k in range(0, int(RULER_MM) + 1, 50):
         at = (x - 6.8, y + k - 1.0) if upright else (x + k, y + 0.8)
         _words(axes, *at, str(k), 6, ha="center")
