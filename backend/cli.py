@@ -12,6 +12,7 @@ from pathlib import Path
 import typer
 
 from backend.commands.blind import blind
+from backend.commands.calibrate import calibrate
 from backend.commands.check import check
 from backend.commands.convert import convert
 from backend.commands.demo import demo
@@ -19,6 +20,7 @@ from backend.commands.diagnose import diagnose
 from backend.commands.export import export
 from backend.commands.fit import fit
 from backend.commands.jam import jam
+from backend.commands.kit import kit
 from backend.commands.simulate import simulate
 from backend.commands.track import track
 from backend.commands.twin import twin
@@ -32,7 +34,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (demo, export, check, simulate, track, convert, fit, diagnose, twin, jam, blind):
+for command in (
+    demo, export, check, simulate, kit, calibrate, track, convert, fit, diagnose, twin, jam, blind,
+):  # fmt: skip
     app.command()(command)
 
 

@@ -1,7 +1,7 @@
 """The bed as the user describes it: printed marks, the plane they lie in, and what is known of the camera.
 
-The bed file is JSON: either the list of marks alone, or an object with `marks` and any of `plane`, `lens`,
-`camera_height_m` and `marker_height_m`.
+The bed file is JSON: either the list of marks alone, or an object with `marks` or `tags` and any of `plane`,
+`lens` or `camera`, `camera_height_m` and `marker_height_m`.
 """
 
 from __future__ import annotations
@@ -13,19 +13,17 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from backend.observe.camera import Camera, read_camera
+from backend.observe.described import Described, Number
+from backend.observe.lens import Lens
 from backend.observe.tracking_error import TrackingError
 
-Number = Annotated[float, Field(strict=False)]
 Vector = tuple[Number, Number, Number]
 
 
-class _Described(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class BedMark(_Described):
+class BedMark(Described):
     """One mark: where it is on the bed [m] and in the picture [px], (0, 0) the centre of the corner pixel."""
 
     id: str
@@ -35,7 +33,15 @@ class BedMark(_Described):
     y_px: Number
 
 
-class Plane(_Described):
+class BedTag(Described):
+    """One printed tag of the kit: its number, and where its centre is on the bed [m]."""
+
+    id: int
+    x_m: Number
+    y_m: Number
+
+
+class Plane(Described):
     """Where the bed lies in the world W: its origin [m] and the directions of its x and y, orthonormal.
 
     A flat bed is the default; an upright rig has x_axis (1, 0, 0) and y_axis (0, 0, 1).
@@ -71,26 +77,27 @@ class Plane(_Described):
         return np.where(unseen, np.nan, world)
 
 
-class Lens(_Described):
-    """Focal length [px], radial distortion k1 (Brown), optical centre [px] (default: the picture's middle)."""
-
-    focal_px: Annotated[Number, Field(gt=0)]
-    k1: Number = 0.0
-    centre_px: tuple[Number, Number] | None = None
-
-
-class Bed(_Described):
+class Bed(Described):
     """Everything known about the bed.
 
-    camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots above the plane of the
-    marks, towards the camera [m]: one for all, or by marker; unknown where None.
+    tags: marks that are found in the first picture by themselves.  camera: what `linktwin calibrate` saved, in
+    place of lens.  camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots above the
+    plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None.
     """
 
-    marks: tuple[BedMark, ...]
+    marks: tuple[BedMark, ...] = ()
+    tags: tuple[BedTag, ...] = ()
     plane: Plane = Plane()
     lens: Lens | None = None
+    camera: Camera | None = None
     camera_height_m: Annotated[Number, Field(gt=0)] | None = None
     marker_height_m: Number | dict[str, Number] | None = None
+
+    @model_validator(mode="after")
+    def _one_lens(self) -> Bed:
+        if self.lens and self.camera:
+            raise ValueError("both lens and camera are given; keep one of them")
+        return self
 
     def metres(self) -> Float[np.ndarray, "mark 2"]:
         """The marks on the bed [m]."""
@@ -119,13 +126,15 @@ def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
     """A Bed from a file, a list of marks or an object.  Raises TrackingError for what cannot fix the plane."""
     if isinstance(bed, Bed):
         return _checked(bed)
-    source = "the bed marks"
+    source, folder = "the bed marks", Path()
     if isinstance(bed, str | Path):
-        source = str(bed)
+        source, folder = str(bed), Path(bed).parent
         try:
             bed = json.loads(Path(bed).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise TrackingError(f"{source} cannot be read as JSON: {error}. Give the file of bed marks.") from error
+    if isinstance(bed, Mapping) and isinstance(bed.get("camera"), str):
+        bed = {**bed, "camera": read_camera(folder / bed["camera"])}
     try:
         return _checked(Bed.model_validate(bed if isinstance(bed, Mapping) else {"marks": bed}))
     except ValidationError as error:
@@ -136,7 +145,7 @@ def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
 
 
 def _checked(bed: Bed) -> Bed:
-    ids = [m.id for m in bed.marks]
+    ids = [m.id for m in bed.marks] + [f"tag {t.id}" for t in bed.tags]
     if len(ids) < 4:
         raise TrackingError(
             f"{len(ids)} bed marks are given ({', '.join(ids) or 'none'}); four or more fix the bed. "
@@ -144,7 +153,9 @@ def _checked(bed: Bed) -> Bed:
         )
     if repeated := sorted({i for i in ids if ids.count(i) > 1}):
         raise TrackingError(f"Bed mark {', '.join(repeated)} is given twice; give each mark its own id.")
-    for points, where in ((bed.metres(), "on the bed"), (bed.pixels(), "in the picture")):
+    spots = np.array([[m.x_m, m.y_m] for m in (*bed.marks, *bed.tags)])
+    seen = [] if bed.tags else [(bed.pixels(), "in the picture")]  # tags are still to be found
+    for points, where in [(spots, "on the bed"), *seen]:
         if not spans_a_plane(points):
             raise TrackingError(
                 f"The {len(ids)} bed marks ({', '.join(ids)}) lie on a line {where}, or all but one do. "

@@ -19,6 +19,7 @@ from backend.observe.label import drawn_positions, label_dots
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import view_in_picture
+from backend.observe.seen_bed import bed_in_picture
 from backend.observe.track import ConstantVelocity, Tracker
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame, Video
@@ -70,6 +71,8 @@ def track_video(
     if first is None:
         raise TrackingError(f"{video.name}: not one frame can be decoded (0 frames read). Copy it again.")
     height_px, width_px = first.luma.shape
+    bed, told = bed_in_picture(bed, first.luma)
+    warnings += told
     view = view_in_picture(bed, width_px, height_px)
     on_bed = bed.plane.from_world(np.array(list(drawn.values())))[:, :2]
     expected = view.pixels(on_bed, heights)

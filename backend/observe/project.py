@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from backend.observe.bed import Bed, Lens
+from backend.observe.bed import Bed
+from backend.observe.lens import Lens, bend, straighten
 from backend.observe.tracking_error import TrackingError
 
 Points = Float[np.ndarray, "n 2"]
@@ -93,17 +94,7 @@ class PinholeView(AbstractView):
     def pixels(self, xy_m: Points, height_m: Float[np.ndarray, "n"]) -> Points:
         """Pixels of the points through the distorted lens."""
         p = np.c_[xy_m, height_m * np.sign(self.position_m[2])] @ self.R.T + self.t
-        xy = p[:, :2] / p[:, 2:]
-        return self.centre_px + self.lens.focal_px * xy * (1 + self.lens.k1 * (xy**2).sum(1, keepdims=True))
-
-
-def straighten(px: Points, lens: Lens, centre_px: Float[np.ndarray, "2"]) -> Points:
-    """Slopes x/z, y/z of the rays through pixels, the lens's distortion undone."""
-    seen = (px - centre_px) / lens.focal_px
-    xy = seen
-    for _ in range(30 if lens.k1 else 0):
-        xy = seen / (1 + lens.k1 * (xy**2).sum(1, keepdims=True))
-    return xy
+        return self.centre_px + self.lens.focal() * bend(p[:, :2] / p[:, 2:], self.lens)
 
 
 def calibrate(bed: Bed, width_px: int, height_px: int) -> AbstractView:

@@ -49,7 +49,8 @@ def test_help_is_quick_and_loads_nothing_heavy():
     done = linktwin("--help")
     assert time.perf_counter() - began < 1.5  # s; 0.15 on an idle core
     assert done.returncode == 0
-    for command in ("export", "check", "simulate", "track", "convert", "fit", "diagnose", "twin", "jam", "blind"):
+    filming = ("kit", "calibrate", "track", "convert")
+    for command in ("export", "check", "simulate", *filming, "fit", "diagnose", "twin", "jam", "blind"):
         assert command in done.stdout
     assert (
         imported_by(

@@ -1,0 +1,106 @@
+"""A camera's lens as calibrated and saved: camera.json, made once and used for every clip at the same setting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import ValidationError
+
+from backend.observe.described import Described, Number
+from backend.observe.lens import Lens
+from backend.observe.tracking_error import TrackingError
+
+PARAMETERS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
+Pair = tuple[Number, Number]
+SAME_SHAPE = 0.002  # relative: 1920 x 1080 and 854 x 480 have one shape
+
+
+class Deviations(Described):
+    """Standard deviation of each value of a camera; zero where it was held fixed."""
+
+    focal_px: Pair
+    centre_px: Pair
+    k1: Number
+    k2: Number
+    p1: Number
+    p2: Number
+    k3: Number
+
+
+class Camera(Described):
+    """A calibrated lens, in pixels of the upright picture; (0, 0) is the centre of the upper left pixel.
+
+    covariance: of PARAMETERS, in that order.  coverage: the part of the picture in which the board was seen.
+    """
+
+    image_size_px: tuple[int, int]
+    focal_px: Pair
+    centre_px: Pair
+    k1: Number
+    k2: Number
+    p1: Number
+    p2: Number
+    k3: Number
+    sd: Deviations
+    covariance: tuple[tuple[Number, ...], ...]
+    reprojection_rms_px: Number
+    views: int
+    coverage: Number
+    notes: tuple[str, ...] = ()
+
+    def values(self) -> Float[np.ndarray, "9"]:
+        """The numbers in the order of PARAMETERS."""
+        return np.array([*self.focal_px, *self.centre_px, self.k1, self.k2, self.p1, self.p2, self.k3])
+
+    def lens_for(self, width_px: int, height_px: int) -> tuple[Lens, list[str]]:
+        """The lens for a picture of this size, and what to warn of.
+
+        A picture of the same shape is taken for the same view, more or less finely resolved.  Raises
+        TrackingError for other shapes: which part of the sensor they show is not known.
+        """
+        made_w, made_h = self.image_size_px
+        sizes = f"the camera file was made from {made_w} x {made_h} pictures, the clip has {width_px} x {height_px}"
+        remedy = "Film the board again at the clip's setting and run linktwin calibrate on it."
+        if (made_w > made_h) != (width_px > height_px) and made_w != made_h:
+            raise TrackingError(f"The clip is turned: {sizes}. Hold the camera alike for board and clip. {remedy}")
+        scale = width_px / made_w
+        if abs(height_px / made_h / scale - 1) > SAME_SHAPE:
+            raise TrackingError(f"The lens does not fit: {sizes}, another shape. {remedy}")
+        fx, fy = self.focal_px
+        lens = Lens(
+            focal_px=(fx * scale, fy * scale),
+            centre_px=((self.centre_px[0] + 0.5) * scale - 0.5, (self.centre_px[1] + 0.5) * scale - 0.5),
+            **{name: getattr(self, name) for name in PARAMETERS[4:]},
+        )
+        if width_px == made_w:
+            return lens, []
+        return lens, [
+            f"The lens was scaled by {scale:.3g}, for {sizes}. That holds only where both settings show the same "
+            f"part of the scene; many cameras crop at high rates. {remedy}"
+        ]
+
+
+def read_camera(path: str | Path) -> Camera:
+    """A camera from its file.  Raises TrackingError for a file that is none."""
+    try:
+        return Camera.model_validate_json(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise TrackingError(
+            f"The camera file {path} cannot be read ({error.strerror}). Give its path from the bed file's folder."
+        ) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        raise TrackingError(
+            f"{path} is no camera file ({where}: {first['msg']}). Make one with linktwin calibrate."
+        ) from error
+
+
+def write_camera(camera: Camera, path: str | Path) -> Path:
+    """Write camera.json; the folder is made where it is missing."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(camera.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    return path

@@ -1,0 +1,49 @@
+"""The bed as a clip's first picture shows it: its tags found, its saved camera made to fit the picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import UInt8
+
+from backend.observe.bed import Bed, BedMark, read_bed
+from backend.observe.tags import find_tags
+from backend.observe.tracking_error import TrackingError
+
+
+def bed_in_picture(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[Bed, list[str]]:
+    """The bed with marks in place of tags and a lens in place of a saved camera, and what to warn of.
+
+    Raises TrackingError where too few tags are seen, or the camera was calibrated for other pictures.
+    """
+    warnings: list[str] = []
+    changes = {}
+    if bed.camera:
+        height_px, width_px = luma.shape
+        changes["lens"], warnings = bed.camera.lens_for(width_px, height_px)
+        changes["camera"] = None
+    if bed.tags:
+        marks, missing = _find(bed, luma)
+        changes |= {"marks": (*bed.marks, *marks), "tags": ()}
+        if missing:
+            warnings.append(f"Bed tag {', '.join(missing)} was not found in the first picture; the others are used.")
+    return (read_bed(bed.model_copy(update=changes)) if changes else bed), warnings
+
+
+def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list[str]]:
+    """The tags that are seen, as marks, and the numbers of those that are not."""
+    seen = find_tags(luma)
+    marks = [
+        BedMark(id=f"tag {t.id}", x_m=t.x_m, y_m=t.y_m, x_px=float(seen[t.id][0]), y_px=float(seen[t.id][1]))
+        for t in bed.tags
+        if t.id in seen
+    ]
+    missing = [str(t.id) for t in bed.tags if t.id not in seen]
+    if len(bed.marks) + len(marks) < 4:
+        others = sorted(set(seen) - {t.id for t in bed.tags})
+        unlisted = f" Tags {', '.join(map(str, others))} are seen and not listed in the bed file." if others else ""
+        raise TrackingError(
+            f"Of the bed tags {', '.join(str(t.id) for t in bed.tags)}, {len(marks)} are found in the first picture "
+            f"(missing: {', '.join(missing)}); four marks or tags fix the bed.{unlisted} Keep the tags' white margins, "
+            "sharp and free of reflections, at least 25 pixels wide, uncovered when the clip starts."
+        )
+    return marks, missing

@@ -1,0 +1,28 @@
+"""A calibrated lens, in a few lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from backend.report.quantity import shown
+
+
+def camera_text(camera: Mapping[str, Any]) -> str:
+    """Focal length, centre and distortion with their standard deviations, misfit, views; then every note."""
+    sd = camera["sd"]
+    width, height = camera["image_size_px"]
+    lines = [
+        f"{camera['views']} views of {width} x {height} pixels, misfit {shown(camera['reprojection_rms_px'], 2)} px",
+        f"  focal px   {_pair(camera['focal_px'], sd['focal_px'])}",
+        f"  centre px  {_pair(camera['centre_px'], sd['centre_px'])}",
+    ]
+    for name in ("k1", "k2", "p1", "p2", "k3"):
+        spread = f"sd {shown(sd[name], 2)}" if sd[name] else "held at zero: the views do not show it"
+        lines.append(f"  {name:<10} {shown(camera[name], 4)}, {spread}")
+    lines += [f"note: {sentence}" for sentence in camera["notes"]]
+    return "\n".join(lines)
+
+
+def _pair(values: Any, spreads: Any) -> str:
+    return f"{values[0]:.1f}, {values[1]:.1f}, sd {shown(spreads[0], 2)}, {shown(spreads[1], 2)}"
