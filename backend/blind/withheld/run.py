@@ -14,7 +14,7 @@ from backend.blind.withheld.case import draw_case
 from backend.blind.withheld.naive import most_frequent, regression
 from backend.blind.withheld.score import ALPHA, Facts, Scores, scores
 from backend.blind.withheld.seal import SEAL, generator_version, is_sealed, revealed, seal
-from backend.blind.withheld.verdict import judged
+from backend.blind.withheld.verdict import judged, unanswered
 from backend.blind.withheld.write import write_case
 
 DEVELOPMENT = range(10_000)
@@ -171,7 +171,11 @@ def _answer(
 def _diagnosed(job: tuple[Diagnose, int, str, frozenset[str]]) -> tuple[int, dict[str, Any], float]:
     diagnose, i, study, without = job
     started = time.perf_counter()
-    return i, diagnose(Path(study), without), time.perf_counter() - started
+    try:
+        gap = diagnose(Path(study), without)
+    except Exception as error:  # one study without an answer must not take the others' with it
+        gap = unanswered(f"{type(error).__name__}: {error}")
+    return i, gap, time.perf_counter() - started
 
 
 def _all(work: Callable[[Any], Any], jobs: list[Any], workers: int) -> Iterator[Any]:

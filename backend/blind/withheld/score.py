@@ -82,6 +82,7 @@ def scores(facts: Facts, alpha: float = ALPHA) -> dict[str, Score]:
         _coverage(clear),
         _median("held-out gap explained", [f["explained"] for f in single if f["explained"] is not None], 0.95),
         _share("faint: in the reported set", [f["reported"] for f in faint], 0.90),
+        _share("no answer", [f["verdict"] == "failed" for f in facts], 0.0, below=True),
         _share("too small to see: none", [f["verdict"] == "none" for f in unseen], None),
     ]
     return {score.name: score for score in made}

@@ -5,12 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-NONE, UNKNOWN = "none", "unknown"
+NONE, UNKNOWN, FAILED = "none", "unknown", "failed"
 SURE = 0.9
 REPORTED = 1 / 20  # of the likeliest cause: what still belongs to the reported set
 Z90 = 1.6448536269514722
 
 Named = frozenset[tuple[str, tuple[str, ...]]]
+
+
+def unanswered(why: str) -> dict[str, Any]:
+    """What stands for an answer where a diagnosis failed; it counts as wrong wherever an answer was asked for."""
+    return {
+        "verdict": FAILED, "sentence": why, "where": {}, "causes": [], "probability_none": 0.0,
+        "probability_unknown": 0.0, "p_value": 0.0, "shrink": {}, "detectable": [],
+    }  # fmt: skip
 
 
 def judged(label: Mapping[str, Any], gap: Mapping[str, Any]) -> dict[str, Any]:
@@ -35,8 +43,8 @@ def judged(label: Mapping[str, Any], gap: Mapping[str, Any]) -> dict[str, Any]:
         "family": label.get("family", ""),
         "verdict": gap["verdict"],
         "named": sorted([list(map(list, what)) for what in reported[:1]]),
-        "top1": fits[0],
-        "top2": any(fits[:2]),
+        "top1": fits[0] and gap["verdict"] != FAILED,
+        "top2": any(fits[:2]) and gap["verdict"] != FAILED,
         "top": entries[0][1],
         "right": sum(p for (_, p), fit in zip(entries, fits, strict=True) if fit),
         "reported": any(_is_so(label, what) for what in reported),
