@@ -11,7 +11,7 @@ from backend.blind.withheld.mechanisms import pendulum
 from backend.blind.withheld.run import Cancelled, check_seed, run_blind, scored
 from backend.blind.withheld.score import scores
 from backend.blind.withheld.seal import commitment
-from backend.blind.withheld.verdict import judged
+from backend.blind.withheld.verdict import judged, unanswered
 from backend.mechanism.read import read_study
 
 
@@ -80,7 +80,8 @@ def score(answers, labels=LABELS):
 def test_an_oracle_scores_everything():
     found = score([oracle(truth) for truth in LABELS])
     assert found.pop("too small to see: none") is None
-    assert found.pop("false alarms") == found.pop("outside: sure and wrong") == found.pop("Brier") == 0.0
+    for name in ("false alarms", "outside: sure and wrong", "Brier", "no answer"):
+        assert found.pop(name) == 0.0
     assert set(found.values()) == {1.0}
 
 
@@ -100,6 +101,13 @@ def test_one_who_always_says_none_is_never_alarmed_and_never_right():
         assert found[name] == 0.0
     assert found["Brier"] == pytest.approx(5 / 6)  # sure each time, right once; the faint case does not count
     assert found["90% intervals hold"] is None
+
+
+def test_a_diagnosis_that_fails_is_wrong_wherever_an_answer_was_asked_for():
+    found = score([unanswered("the motion was lost") for _ in LABELS])
+    assert found["no answer"] == found["false alarms"] == 1.0
+    for name in ("cause first", "cause among two", "place first", "outside: unknown", "pair: both"):
+        assert found[name] == 0.0
 
 
 def test_a_sure_and_wrong_answer_costs_what_it_should():
@@ -200,6 +208,19 @@ def test_a_check_is_sealed_first_resumed_and_scored(quick, tmp_path):
     (tmp_path / "labels.json").write_text(json.dumps({**kept, "labels": labels}))
     with pytest.raises(ValueError, match="changed after sealing"):
         scored(tmp_path)
+
+
+def test_a_diagnosis_that_fails_does_not_take_the_others_with_it(quick, tmp_path):
+    def diagnose(study, without):
+        if study.parent.name == "0001":
+            raise ValueError("the motion was lost")
+        return gap("none", none=1.0)
+
+    result = run_blind(7, 3, tmp_path, diagnose)
+    assert result.cases == 3
+    assert result.scores["no answer"].value == pytest.approx(1 / 3)
+    told = [json.loads(line)["gap"] for line in (tmp_path / "answers.jsonl").read_text().splitlines()]
+    assert "the motion was lost" in told[1]["sentence"]
 
 
 def test_a_folder_of_another_seed_is_refused(quick, tmp_path):
