@@ -41,6 +41,7 @@ STRICT = 1e-3  # p of what is left on held-out experiments, below which it is no
 WIDE = 1e4  # noise variances a sample: a gap that large counts no more
 IN_REACH = 0.3  # of what is left: less than the whole library could take is not worth a search for sets
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
+NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its name, though its form is not the last
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
@@ -308,7 +309,9 @@ class _Inquiry:
         count = len(self.subject.library.candidates)
         belief = weigh(same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown)
         shrunk = shrinkage(first, after, self.rng) if first else None
-        if ((verdict == "identified" and self.enough(last)) or verdict == "approximate") and belief.unknown > DOUBT:
+        nearly_all = shrunk is not None and shrunk.explained is not None and shrunk.explained > NEARLY_ALL
+        doubtful = self.enough(last) if verdict == "identified" else verdict == "approximate" and not nearly_all
+        if doubtful and belief.unknown > DOUBT:
             verdict = "unknown"
         if verdict == "identified" and len(belief.reported) > 1:
             verdict = "ambiguous"

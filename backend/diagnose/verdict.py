@@ -106,7 +106,7 @@ def _chances(verdict: Verdict, belief: Belief, shrunk: Shrinkage | None) -> tupl
     if verdict == "approximate":
         left = 1.0 - shrunk.explained if shrunk and shrunk.explained is not None else 0.1
         least = float(np.clip(np.sqrt(max(left, 0.0)), 0.1, APPROXIMATE_UNKNOWN))
-        return 0.0, max(belief.unknown, least), belief.probability
+        return 0.0, float(np.clip(belief.unknown, least, APPROXIMATE_UNKNOWN)), belief.probability
     return min(belief.none, 0.5), max(belief.unknown, 0.005), belief.probability
 
 
