@@ -126,7 +126,9 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
         return last["r"], last["J"]
 
     names = [p.name for p in choice.parameters] + [f"start {i}" for i in range(x.size - few)]
-    known = subject.kept.end_of(key := name_of(subject.library.family, choice.name, fraction, x))
+    what = f"{subject.library.family}|{choice.name}|{max_iterations}"
+    key = subject.kept.asked(name_of(what, [fraction, subject.step_s, *choice.prior_sd, *x]))
+    known = subject.kept.end_of(key)
     if known is None:
         problem = LeastSquares(names, lambda x: linearise(x)[0], linearise, lower, upper, scale, seer.count)
         solution = solve(problem, x, max_iterations=max_iterations, ftol=FTOL, cancelled=cancelled)

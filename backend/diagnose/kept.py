@@ -9,6 +9,8 @@ import hashlib
 import json
 import os
 import threading
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from backend.fit.checkpoint import digest
 from backend.mechanism.study import Study
 
 FILE = "diagnosis.kept.jsonl"
-DIGITS = 6  # of a start: it may differ in its last bits from one machine to the next
+DIGITS = 6  # of a number: it may differ in its last bits from one machine to the next
 
 
 class Kept:
@@ -30,6 +32,7 @@ class Kept:
     def __init__(self, path: Path | None = None, belongs_to: str = ""):
         self.path, self.belongs_to = path, belongs_to
         self._ends: dict[str, tuple[np.ndarray, str]] = {}
+        self._asked: Counter[str] = Counter()
         self._writing = threading.Lock()
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -62,6 +65,15 @@ class Kept:
     def __len__(self) -> int:
         return len(self._ends)
 
+    def asked(self, fit: str) -> str:
+        """The fit's name this time.
+
+        One from the same start may be asked again, when more is known of the noise or of the step's error; a search that
+        goes on asks as often, in the same order.
+        """
+        self._asked[fit] += 1
+        return f"{fit}.{self._asked[fit]}"
+
     def end_of(self, fit: str) -> tuple[Float[np.ndarray, " x"], str] | None:
         """Where this fit ended, and how; None where it was not kept."""
         return self._ends.get(fit)
@@ -83,10 +95,10 @@ class Kept:
             self.path.unlink(missing_ok=True)
 
 
-def name_of(family: str, choice: str, fraction: float, start: Float[np.ndarray, " x"]) -> str:
-    """Which fit: a fingerprint of all that decides its course."""
-    rounded = ",".join(f"{v:.{DIGITS}g}" for v in start)
-    return hashlib.sha256(f"{family}|{choice}|{fraction}|{rounded}".encode()).hexdigest()[:24]
+def name_of(what: str, numbers: Sequence[float] | Float[np.ndarray, " n"]) -> str:
+    """Which fit: a fingerprint of its words and of the numbers that decide its course."""
+    rounded = ",".join(f"{v:.{DIGITS}g}" for v in numbers)
+    return hashlib.sha256(f"{what}|{rounded}".encode()).hexdigest()[:24]
 
 
 def _read(line: str) -> dict | None:
