@@ -68,7 +68,7 @@ class Kept:
     def asked(self, fit: str) -> str:
         """The fit's name this time.
 
-        One from the same start may be asked again, when more is known of the noise or of the step's error; a search that
+        One from the same start may be asked again, when more is known of the noise or the step; a search that
         goes on asks as often, in the same order.
         """
         self._asked[fit] += 1
