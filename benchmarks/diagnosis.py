@@ -10,7 +10,6 @@ import argparse
 import time
 from pathlib import Path
 
-import jax
 import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
@@ -21,6 +20,7 @@ from backend.diagnose.run import diagnose_study
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.read import parse_mechanism, read_mechanism
 from backend.mechanism.study import Experiment, Release, Study
+from benchmarks.compiling import COMPILING
 from benchmarks.identification import marker_paths
 from benchmarks.scissor import scissor
 
@@ -67,14 +67,6 @@ def study_of(drawing: Mechanism, paths: list[np.ndarray], seed: int) -> Study:
     return Study(drawing, tuple(experiments))
 
 
-COMPILING: list[float] = []
-
-
-def _compiled(event: str, duration_secs: float, **_) -> None:
-    if event.startswith("/jax/core/compile/"):
-        COMPILING.append(duration_secs)
-
-
 def report(name: str, drawing: Mechanism, joint: str, torque_n_m: float, positions: np.ndarray) -> None:
     """Two studies of one mechanism, timed."""
     paths = filmed(drawing, rubbing(drawing, joint, torque_n_m), joint, positions)
@@ -92,7 +84,6 @@ def main() -> None:
     parser.add_argument("--cells", type=int, default=10)
     parser.add_argument("--only", choices=("fourbar", "scissor"))
     asked = parser.parse_args()
-    jax.monitoring.register_event_duration_secs_listener(_compiled)
     if asked.only != "scissor":
         drawing = read_mechanism(Path(__file__).parents[1] / "samples" / "fourbar" / "mechanism.json")
         joint = next(j.id for j in drawing.joints if j.type == "revolute")

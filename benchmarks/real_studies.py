@@ -15,12 +15,12 @@ from pathlib import Path
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
 
-import jax
 import numpy as np
 
 from backend.fit.fit_study import fit_study
 from backend.fit.result import FitResult, Overlay
 from backend.mechanism.read import read_study
+from benchmarks.compiling import COMPILING
 
 FOLDER = Path(os.environ.get("LINKTWIN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 
@@ -117,19 +117,10 @@ def _end(value: float | None) -> str:
     return "open" if value is None else f"{value:.5g}"
 
 
-COMPILING: list[float] = []
-
-
-def _compiled(event: str, seconds: float, **_) -> None:
-    if event.startswith("/jax/core/compile/"):
-        COMPILING.append(seconds)
-
-
 def main() -> int:
     if not FOLDER.is_dir():
         print(f"Skipped: no measurements at {FOLDER}. Set LINKTWIN_DATA to the folder of the real studies.")
         return 0
-    jax.monitoring.register_event_duration_secs_listener(_compiled)
     names = sys.argv[1:] or list(CASES)
     return 0 if all([report(name, CASES[name]) for name in names]) else 1
 

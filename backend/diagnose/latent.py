@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Subject, bumps_at
 from backend.fit.measured import AXES
 
@@ -66,15 +67,26 @@ def responses(subject: Subject, fitted: Fitted, raw: Sequence[np.ndarray] | None
     return Latent(places, {k: 1.0 / float(np.median(np.linalg.norm(L, axis=0))) for k, L in places.items()})
 
 
+def markers_and_axes(fitted: Fitted) -> tuple[list[str], list[str]]:
+    """`marker:ID` of all that were seen, and the coordinates that were measured of any."""
+    seen = {(c.at, c.coordinate) for p in fitted.probes for c in p.data.channels if c.at.startswith("marker:")}
+    return sorted({at for at, _ in seen}), sorted({axis for _, axis in seen})
+
+
+def moving_bumps(probe: Probe) -> Float[np.ndarray, "samples waves"]:
+    """Bumps in time at an experiment's samples; none before the release, where nothing moves."""
+    shape = bumps_at(probe.since_release_s, probe.duration_s, probe.bumps.shape[1])
+    shape[probe.data.still] = 0.0
+    return shape
+
+
 def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarray]:
-    markers = sorted({c.at for p in fitted.probes for c in p.data.channels if c.at.startswith("marker:")})
+    markers, axes = markers_and_axes(fitted)
     if not markers:
         return {}
-    axes = sorted({c.coordinate for p in fitted.probes for c in p.data.channels if c.at.startswith("marker:")})
     blocks: dict[str, list[list[np.ndarray]]] = {m: [] for m in (*markers, "camera")}
     for p, white in zip(fitted.probes, seer.white, strict=True):
-        shape = bumps_at(p.since_release_s, p.duration_s, p.bumps.shape[1])
-        shape[p.data.still] = 0.0
+        shape = moving_bumps(p)
         at = np.array([c.at for c in p.data.channels])[p.data.channel]
         axis = np.array([c.coordinate for c in p.data.channels])[p.data.channel]
         for place in blocks:

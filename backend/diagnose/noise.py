@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.stats import chi2
 
 from backend.fit.measured import Measured
@@ -20,6 +20,7 @@ ENOUGH = 60  # static samples of one kind of channel: its sd is then known to a 
 ALIKE = 1.7  # channels whose noise differs by less share one estimate
 RARE = 3e-5  # probability of a good sample to be missed so far by a cubic through its neighbours
 ROUNDS = 8
+STRAY = 4.3  # sd: a sample of a smooth record that nothing smooth explains
 FAR = 5.0  # robust sd of still frames
 
 
@@ -121,6 +122,11 @@ def _calm(data: Sequence[Measured], keep: Sequence[np.ndarray], still: list) -> 
     for i, c, rows in still:
         made.append((i, c, rows[keep[i][rows]]))
     return [m for m in made if m[2].size >= 5]
+
+
+def strays(left: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Rows of unit noise, or of a misfit somewhat wider, that nothing smooth explains."""
+    return np.abs(left) > STRAY * max(1.0, 1.4826 * float(np.median(np.abs(left))))
 
 
 def _name(data: Measured, channel: int) -> str:

@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.fitted import Fitted, Seer
-from backend.diagnose.latent import Latent, evidence, mean_over_sizes, warp
+from backend.diagnose.latent import Latent, evidence, markers_and_axes, mean_over_sizes, warp
 from backend.diagnose.subject import bumps_at
 
 CREEP = 0.05  # of the fastest speed: where a law may turn over as dry friction does
@@ -97,9 +97,8 @@ def laws_of(
                 sizes = np.linalg.solve(G + RIDGE * np.trace(G) / len(G) * np.eye(len(G)), B.T @ shape)
                 columns.append(white(response[:, j] @ sizes))
             made.setdefault(f"joint:{id}", []).append((few, np.concatenate(columns)))
-    axes = sorted({c.coordinate for p in probes for c in p.data.channels if c.at.startswith("marker:")})
-    if axes:
-        markers = sorted({c.at for p in probes for c in p.data.channels if c.at.startswith("marker:")})
+    markers, axes = markers_and_axes(fitted)
+    if markers:
         made["camera"] = [(True, np.concatenate([warp(fitted, seer, axes), _clock(fitted, seer)], 1))]
         if len(markers) > 1:
             made |= {m: [(True, warp(fitted, seer, axes, m))] for m in markers}
@@ -134,9 +133,8 @@ def _forms(
 
 
 def _hats(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n hats"]:
-    """Bumps over -1 to 1, as wide as 0.7 of their spacing."""
-    centre = np.linspace(-1.0, 1.0, HATS)
-    return np.exp(-0.5 * ((x[:, None] - centre) * (HATS - 1) / 1.4) ** 2)
+    """Bumps over -1 to 1, as in time."""
+    return bumps_at(x + 1.0, 2.0, HATS)
 
 
 def _clock(fitted: Fitted, seer: Seer) -> Float[np.ndarray, "n powers"]:

@@ -15,12 +15,11 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from backend.diagnose.fitted import Fitted
-from backend.diagnose.noise import Whitening
+from backend.diagnose.latent import moving_bumps
+from backend.diagnose.noise import Whitening, strays
 from backend.diagnose.probe import Probe
-from backend.diagnose.subject import bumps_at
 
 ROUNDS = 3  # of Gauss-Newton for a start
-STRAY = 4.3  # sd: a sample that nothing smooth explains
 RANK = 1e-7  # of the largest eigenvalue
 
 
@@ -77,8 +76,7 @@ def _columns(fitted: Fitted, slopes: Sequence[np.ndarray], scale: float) -> Floa
 
 
 def _shapes(probe: Probe, white: Whitening) -> Float[np.ndarray, "n shapes"]:
-    shape = bumps_at(probe.since_release_s, probe.duration_s, probe.bumps.shape[1])
-    shape[probe.data.still] = 0.0
+    shape = moving_bumps(probe)
     each = [white(shape * (probe.data.channel == c)[:, None]) for c in range(len(probe.data.channels))]
     L = np.concatenate(each, 1)
     return L[:, np.linalg.norm(L, axis=0) > 1e-9 * max(float(np.linalg.norm(L)), 1e-300)]
@@ -94,7 +92,7 @@ def _judged(r: np.ndarray, values: np.ndarray, starts: np.ndarray, L: np.ndarray
         if not again:
             break
         left = r - A @ (np.linalg.pinv(A.T @ A + np.diag(prior), rcond=RANK, hermitian=True) @ (A.T @ r))
-        good = np.abs(left) < STRAY * max(1.0, 1.4826 * float(np.median(np.abs(left))))
+        good = ~strays(left)
         r, own, L = r[good], own[good], L[good]
     free = max(every[1] - most[1], 1.0)
     noise = max((float(r @ r) - every[0]) / max(r.size - every[1], 1.0), 1.0)

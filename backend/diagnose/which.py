@@ -14,7 +14,7 @@ import numpy as np
 from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, start_of
 from backend.diagnose.latent import Latent, forces, left_over, neighbour_correlation, responses
 from backend.diagnose.library import Candidate
-from backend.diagnose.noise import kind_of
+from backend.diagnose.noise import kind_of, strays
 from backend.diagnose.probe import Probe
 from backend.diagnose.screen import Screen, screen, tuned
 from backend.diagnose.subject import Choice, Subject
@@ -25,7 +25,6 @@ FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
 CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is left
 MANY = 500  # neighbouring samples from which memory is bettered
-STRAY = 4.3  # sd: a sample of a smooth record that nothing smooth explains
 BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
 SWITCHES = 3  # causes of a kind that switches on, refitted
 REFITS = 8  # candidates of a level that are refitted
@@ -132,9 +131,7 @@ class Search:
 
     def _set_aside(self, fitted: Fitted) -> bool:
         """Drop samples that no smooth cause could bring near; false where there are none, or too many to be chance."""
-        left = left_over(fitted, self.latent)
-        width = max(1.0, 1.4826 * float(np.median(np.abs(left))))
-        wrong = np.abs(left) > STRAY * width
+        wrong = strays(left_over(fitted, self.latent))
         if not wrong.any() or wrong.mean() > 0.05:
             return False
         seer = Seer(self.subject, fitted.probes, fitted.fraction)

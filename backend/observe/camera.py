@@ -17,8 +17,8 @@ Pair = tuple[Number, Number]
 SAME_SHAPE = 0.002  # relative: 1920 x 1080 and 854 x 480 have one shape
 
 
-class Deviations(Described):
-    """Standard deviation of each value of a camera; zero where it was held fixed."""
+class Values(Described):
+    """What PARAMETERS name."""
 
     focal_px: Pair
     centre_px: Pair
@@ -29,20 +29,17 @@ class Deviations(Described):
     k3: Number
 
 
-class Camera(Described):
+class Deviations(Values):
+    """Standard deviation of each value of a camera; zero where it was held fixed."""
+
+
+class Camera(Values):
     """A calibrated lens, in pixels of the upright picture; (0, 0) is the centre of the upper left pixel.
 
     covariance: of PARAMETERS, in that order.  coverage: the part of the picture in which the board was seen.
     """
 
     image_size_px: tuple[int, int]
-    focal_px: Pair
-    centre_px: Pair
-    k1: Number
-    k2: Number
-    p1: Number
-    p2: Number
-    k3: Number
     sd: Deviations
     covariance: tuple[tuple[Number, ...], ...]
     reprojection_rms_px: Number
