@@ -26,6 +26,7 @@ from backend.model.model import Address, Model
 
 UNKNOWN = "unknown@"  # ids of the drives that stand for what is not in the library
 WAVES = (12, 48)  # fewest and most bumps in time of an unknown drive
+FLOOR = (2048, 4096)  # steps and samples: most records fit in one frame, and room costs next to nothing
 FEW_WAVES = (4, 8, 12, 16, 24, 32, 48)  # of which each is a program of its own
 PER_TIME = 1.6  # natural times between bumps
 ALL_WAVES = 512  # joints times bumps
@@ -119,7 +120,10 @@ def prepare(
         return Probe.of(experiment, model, own, step_s)
 
     fit, held = [probe(e) for e in study.fit], [probe(e) for e in study.held_out]
-    frame = tuple(_few_sizes(max(sizes)) for sizes in zip(*(p.frame for p in (*fit, *held)), strict=True))
+    frame = tuple(
+        _few_sizes(max(sizes), floor)
+        for sizes, floor in zip(zip(*(p.frame for p in (*fit, *held)), strict=True), FLOOR, strict=True)
+    )
     waves = int(np.clip(max(p.duration_s for p in fit) / (PER_TIME * model.scale.time_s), *WAVES))
     waves = max(n for n in FEW_WAVES if n <= max(min(waves, ALL_WAVES // max(len(joints), 1)), FEW_WAVES[0]))
     for p in (*fit, *held):
@@ -135,11 +139,11 @@ def prepare(
     return Subject(library, model, fit, held, mine, theirs, step_s, joints, kept)
 
 
-def _few_sizes(count: int) -> int:
+def _few_sizes(count: int, floor: int) -> int:
     """Rounded up to a power of two, so that studies of one mechanism share compiled programs; steps after the last
     sample are not taken.
     """
-    return int(2 ** np.ceil(np.log2(max(count, 64)) - 1e-9))
+    return int(2 ** np.ceil(np.log2(max(count, floor)) - 1e-9))
 
 
 def bumps(steps: int, step_s: float, duration_s: float, waves: int) -> Float[np.ndarray, "nodes waves"]:

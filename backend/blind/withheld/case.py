@@ -108,10 +108,19 @@ def _attempt(rng: np.random.Generator, stratum: str, unseen: bool, index: int) -
     if causes and rng.random() < TOO_FAINT and distance(witness, clean[:fit], []).d2 < ALIKE:
         return None
     label = _label(witness, rig, causes, stratum, clean[:fit])
+    if stratum == "pair" and _are_one(label):
+        return None
     tables = np.stack([noisy(one, noise, rng) for one in clean])
     label |= {"engine": engine, "family": linkage.family, "sigma_m": noise.sigma_m, "sigma_told": noise.told,
               "rho": noise.rho, "experiments": len(starts)}  # fmt: skip
     return Case(linkage, record, release_s, tables, noise, fit, label)
+
+
+def _are_one(label: dict[str, Any]) -> bool:
+    """Whether the data allow one of a pair to be named as the other: then together they are one cause, not two."""
+    first, second = [{(e["kind"], *e["on"]) for e in group} for group in label["classes"]]
+    truths = [(e["kind"], *e["on"]) for e in label["effects"]]
+    return truths[0] in second or truths[1] in first
 
 
 def _laws(linkage: Linkage, causes: Sequence[Cause]) -> Laws:
