@@ -13,7 +13,7 @@ demo: $(INSTALLED)
 	$(BIN)/linktwin demo --out out/demo
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest -n $(WORKERS) tests
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadscope tests
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

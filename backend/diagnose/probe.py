@@ -7,7 +7,6 @@ every candidate, every pair and the unknown forces alike.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import equinox as eqx
 import jax
@@ -19,11 +18,12 @@ from jaxtyping import Float
 from backend.fit.prediction import Addresses, Setting, predict
 from backend.fit.run import Run
 from backend.simulate.record import Record
+from backend.simulate.shelf import shelved
 
 AT_ONCE = 8  # directions
 
 
-@partial(jax.jit, static_argnames="addresses")
+@shelved("addresses")
 def sensitivities(
     setting: Setting,
     bumps: Float[Array, "steps waves"],

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 
 import equinox as eqx
 import jax
@@ -36,6 +35,7 @@ from backend.simulate import assemble, kinematics
 from backend.simulate.points import marker_paths, marker_positions, marker_velocities
 from backend.simulate.record import Record
 from backend.simulate.rollout import Trajectory, rollout
+from backend.simulate.shelf import shelved
 from backend.simulate.small import apply
 
 
@@ -145,7 +145,7 @@ def _strikes(made: System) -> bool:
     return bool(made.contacts.count or made.touches.count)
 
 
-@partial(jax.jit, static_argnames="addresses")
+@shelved("addresses")
 def linearised(
     setting: Setting,
     addresses: Addresses,
@@ -261,7 +261,7 @@ def roomy(count: int) -> int:
     return -(-count // grain) * grain
 
 
-@jax.jit
+@shelved()
 def look(
     model: Model, reference: Pose, motions: Float[Array, "slots 6 mobility"]
 ) -> tuple[Float[Array, " columns"], Float[Array, "columns mobility"]]:
