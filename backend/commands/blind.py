@@ -13,6 +13,9 @@ def blind(
     cases: Annotated[int, typer.Option("--n", metavar="N", min=1, help="How many studies.")],
     seed: Annotated[int, typer.Option(min=0, help="0 to 9999; with --test 1000000 to 1999999.")],
     test: Annotated[bool, typer.Option("--test", help="Mechanisms that development never sees.")] = False,
+    mechanism: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Draw this mechanism alone; may be repeated.")
+    ] = None,
     workers: Annotated[int, typer.Option(metavar="N", min=1, help="Processes that draw and diagnose.")] = 1,
     out: Out = None,
     as_json: AsJson = False,
@@ -22,15 +25,24 @@ def blind(
     Ctrl-C ends it after the case at hand; the same command goes on from there.
     """
     with answering(as_json) as answer:
-        from backend.blind.withheld.run import Cancelled, check_seed, run_blind
+        from backend.blind.withheld.run import Cancelled, check_mechanisms, check_seed, run_blind
         from backend.diagnose.answer import answer as diagnosed
 
         check_seed(seed, test)
+        check_mechanisms(names := tuple(mechanism or ()), test)
         folder = folder_for(out, f"blind_{seed}")
         with progress("drawing the studies") as advance, stoppable() as stopped:
             try:
                 scores = run_blind(
-                    seed, cases, folder, diagnosed, test=test, progress=advance, cancelled=stopped, workers=workers
+                    seed,
+                    cases,
+                    folder,
+                    diagnosed,
+                    test=test,
+                    progress=advance,
+                    cancelled=stopped,
+                    workers=workers,
+                    mechanisms=names,
                 )
             except Cancelled as error:
                 raise Failed(str(error)) from error

@@ -60,21 +60,28 @@ def stratum_of(seed: int, index: int) -> str:
     return str(block[index % len(STRATA)])
 
 
-def draw_case(seed: int, index: int, *, unseen: bool = False) -> Case:
-    """Case `index` of a seed, the same every time.  unseen: whether mechanisms kept for tests may be drawn."""
+def draw_case(seed: int, index: int, *, unseen: bool = False, mechanisms: Sequence[str] = ()) -> Case:
+    """Case `index` of a seed, the same every time.
+
+    unseen: whether mechanisms kept for tests may be drawn.  mechanisms: the only ones to draw; none for all.
+    """
     stratum = stratum_of(seed, index)
     for attempt in range(TRIES):
         rng = np.random.default_rng([seed, index, attempt])
         try:
-            if case := _attempt(rng, stratum, unseen, index):
+            if case := _attempt(rng, stratum, unseen, index, mechanisms):
                 return case
         except Stuck:
             continue
     raise RuntimeError(f"no case {index} of seed {seed} after {TRIES} tries; its mechanisms do not move: {stratum}")
 
 
-def _attempt(rng: np.random.Generator, stratum: str, unseen: bool, index: int) -> Case | None:
+def _attempt(
+    rng: np.random.Generator, stratum: str, unseen: bool, index: int, mechanisms: Sequence[str]
+) -> Case | None:
     families = UNSEEN if unseen and rng.random() < 0.25 else DEVELOPED
+    if mechanisms:
+        families = {name: draw for name, draw in {**DEVELOPED, **UNSEEN}.items() if name in mechanisms}
     linkage = families[str(rng.choice(list(families)))](rng)
     if not all(np.isfinite(pin.at) for pin in linkage.pins):
         return None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from backend.blind.withheld.case import draw_case
+from backend.blind.withheld.mechanisms import DEVELOPED, UNSEEN
 from backend.blind.withheld.naive import most_frequent, regression
 from backend.blind.withheld.score import ALPHA, Facts, Scores, scores
 from backend.blind.withheld.seal import SEAL, generator_version, is_sealed, revealed, seal
@@ -41,6 +42,7 @@ def run_blind(
     cancelled: Callable[[], bool] | None = None,
     resume: bool = True,
     workers: int = 1,
+    mechanisms: Sequence[str] = (),
     alpha: float = ALPHA,
 ) -> Scores:
     """Draw n studies, seal what is amiss with them, diagnose each, and score the answers.
@@ -48,11 +50,13 @@ def run_blind(
     diagnose: (study.json, kinds removed from the library) -> gap.json's content.  test: seeds of TEST, which hold
     mechanisms that development never sees; without it seeds of DEVELOPMENT.  progress(share, words);
     cancelled() is asked after each case.  workers: processes that draw and diagnose (diagnose must then pickle).
+    mechanisms: the only ones to draw, by name; none for all.
     alpha: the rate of false alarms that the diagnosis promises.
     Under `out`: studies/, seal.json before the first answer, labels.json, answers.jsonl as answers come, scores.json.
     Raises ValueError for a seed out of its range or a folder of another check, Cancelled.
     """
     check_seed(seed, test)
+    check_mechanisms(mechanisms, test)
     if n < 1:
         raise ValueError(f"n is {n}; ask for at least 1 case")
     tell = progress or (lambda share, words: None)
@@ -61,9 +65,9 @@ def run_blind(
     if not resume:
         for name in (SEAL, DRAWN, ANSWERS, NAIVE, SCORES):
             (out / name).unlink(missing_ok=True)
-    if not is_sealed(out, seed, n):
+    if not is_sealed(out, seed, n, mechanisms):
         (out / ANSWERS).unlink(missing_ok=True)
-        _draw(seed, n, out, test, tell, halt, workers)
+        _draw(seed, n, out, test, mechanisms, tell, halt, workers)
     sha = json.loads((out / SEAL).read_text())["sha256"]
     tell(DRAWING, f"sealed {n} cases: {sha}")
     labels = json.loads((out / "labels.json").read_text())["labels"]
@@ -113,11 +117,27 @@ def scored(out: Path, alpha: float = ALPHA) -> Scores:
     return result
 
 
-def _draw(seed: int, n: int, out: Path, test: bool, tell: Progress, halt: Callable[[], bool], workers: int) -> None:
+def check_mechanisms(names: Sequence[str], test: bool) -> None:
+    """ValueError where a name is no mechanism's, or that of one that development must not see."""
+    allowed = [*DEVELOPED, *(UNSEEN if test else ())]
+    if strange := [name for name in names if name not in allowed]:
+        raise ValueError(f"there is no mechanism {strange[0]!r} to draw; choose among {', '.join(allowed)}")
+
+
+def _draw(
+    seed: int,
+    n: int,
+    out: Path,
+    test: bool,
+    mechanisms: Sequence[str],
+    tell: Progress,
+    halt: Callable[[], bool],
+    workers: int,
+) -> None:
     """Write all studies and the regression's answers, then seal the labels; a run that was stopped goes on."""
-    stamp = {"seed": seed, "version": generator_version()}
+    stamp = {"seed": seed, "version": generator_version(), "mechanisms": sorted(mechanisms)}
     drawn = {e["case"]: e for e in _lines(out / DRAWN) if stamp.items() <= e.items() and e["case"] < n}
-    jobs = [(seed, i, str(_folder(out, i)), test) for i in range(n) if i not in drawn]
+    jobs = [(seed, i, str(_folder(out, i)), test, tuple(mechanisms)) for i in range(n) if i not in drawn]
     with (out / DRAWN).open("a") as file:
         for i, label, gap in _all(_drawn, jobs, workers):
             drawn[i] = {"case": i, "label": label, "gap": gap, **stamp}
@@ -127,13 +147,13 @@ def _draw(seed: int, n: int, out: Path, test: bool, tell: Progress, halt: Callab
             if halt() and len(drawn) < n:
                 raise Cancelled(f"stopped with {len(drawn)} of {n} cases drawn; run again to go on")
     (out / NAIVE).write_text("".join(json.dumps({"case": i, "gap": drawn[i]["gap"]}) + "\n" for i in range(n)))
-    seal([drawn[i]["label"] for i in range(n)], out, seed)
+    seal([drawn[i]["label"] for i in range(n)], out, seed, mechanisms)
     (out / DRAWN).unlink()
 
 
-def _drawn(job: tuple[int, int, str, bool]) -> tuple[int, dict[str, Any], dict[str, Any]]:
-    seed, i, folder, unseen = job
-    case = draw_case(seed, i, unseen=unseen)
+def _drawn(job: tuple[int, int, str, bool, tuple[str, ...]]) -> tuple[int, dict[str, Any], dict[str, Any]]:
+    seed, i, folder, unseen, mechanisms = job
+    case = draw_case(seed, i, unseen=unseen, mechanisms=mechanisms)
     write_case(case, Path(folder))
     return i, case.label, regression(case)
 
@@ -185,7 +205,7 @@ def _all(work: Callable[[Any], Any], jobs: list[Any], workers: int) -> Iterator[
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         try:
-            yield from pool.map(work, jobs)
+            yield from (done.result() for done in as_completed([pool.submit(work, job) for job in jobs]))
         finally:
             pool.shutdown(cancel_futures=True)
 

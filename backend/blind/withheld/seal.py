@@ -28,13 +28,16 @@ def commitment(labels: Sequence[dict[str, Any]], salt: str, version: str) -> str
     return hashlib.sha256("\n".join([version, salt, *map(as_json, labels)]).encode()).hexdigest()
 
 
-def seal(labels: Sequence[dict[str, Any]], out: Path, seed: int) -> str:
-    """Write labels.json, and seal.json whose hash may be told to anyone; returns the hash."""
+def seal(labels: Sequence[dict[str, Any]], out: Path, seed: int, mechanisms: Sequence[str] = ()) -> str:
+    """Write labels.json, and seal.json whose hash may be told to anyone; returns the hash.
+
+    mechanisms: the only ones that were drawn; none for all.
+    """
     salt, version = secrets.token_hex(16), generator_version()
     sha = commitment(labels, salt, version)
     (out / LABELS).write_text(json.dumps({"salt": salt, "version": version, "labels": list(labels)}))
     sealed = {"sha256": sha, "seed": seed, "cases": len(labels), "version": version,
-              "sealed": datetime.now(UTC).isoformat(timespec="seconds")}  # fmt: skip
+              "mechanisms": sorted(mechanisms), "sealed": datetime.now(UTC).isoformat(timespec="seconds")}  # fmt: skip
     (out / SEAL).write_text(json.dumps(sealed, indent=1))
     return sha
 
@@ -53,7 +56,7 @@ def revealed(out: Path) -> list[dict[str, Any]]:
     return kept["labels"]
 
 
-def is_sealed(out: Path, seed: int, cases: int) -> bool:
+def is_sealed(out: Path, seed: int, cases: int, mechanisms: Sequence[str] = ()) -> bool:
     """Whether a folder holds the sealed cases of this seed, by the generators as they are now.
 
     Raises ValueError where it holds another check.
@@ -61,10 +64,15 @@ def is_sealed(out: Path, seed: int, cases: int) -> bool:
     if not (out / SEAL).exists():
         return False
     sealed = json.loads((out / SEAL).read_text())
-    asked = (seed, cases, generator_version())
-    if (sealed["seed"], sealed["cases"], sealed["version"]) != asked:
+    asked = (seed, cases, generator_version(), sorted(mechanisms))
+    if (sealed["seed"], sealed["cases"], sealed["version"], sealed.get("mechanisms", [])) != asked:
         raise ValueError(
-            f"{out} holds seed {sealed['seed']} with {sealed['cases']} cases by generators {sealed['version']}, not "
-            f"seed {seed} with {cases} by {asked[2]}; name another folder, or ask for resume=False"
+            f"{out} holds seed {sealed['seed']} with {sealed['cases']} cases of {_names(sealed.get('mechanisms', []))} by "
+            f"generators {sealed['version']}, not seed {seed} with {cases} of {_names(mechanisms)} by {asked[2]}; "
+            "name another folder, or ask for resume=False"
         )
     return True
+
+
+def _names(mechanisms: Sequence[str]) -> str:
+    return ", ".join(mechanisms) or "all mechanisms"
