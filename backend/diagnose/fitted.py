@@ -145,6 +145,12 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
     )  # fmt: skip
 
 
+def mean_square(fitted: Fitted, fraction: float) -> float:
+    """What a fit leaves of the first fraction of its records, in variances of the noise."""
+    r, _ = Seer(fitted.subject, [p.first(fraction) for p in fitted.probes], fraction)(fitted.x)
+    return float(np.mean(r**2))
+
+
 class Seer:
     """Whitened (measured - predicted) and slopes of the prediction, all runs of a subject."""
 

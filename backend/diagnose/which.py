@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, start_of
+from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, left_over, neighbour_correlation, responses
 from backend.diagnose.library import Candidate
 from backend.diagnose.noise import kind_of, strays
@@ -27,6 +27,8 @@ CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is lef
 MANY = 500  # neighbouring samples from which memory is bettered
 BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
 SWITCHES = 3  # causes of a kind that switches on, refitted
+GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
+TAKEN = 0.6  # of the misfit of a part of the records, left by a cause that is worth the rest of them
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
@@ -217,12 +219,20 @@ class Search:
         made = []
         for _, values, candidate in sorted(found, key=lambda f: f[0])[:SWITCHES]:
             self.tell(f"trying {candidate.name}")
-            choice = self.subject.choose(candidate)
-            start = start_of(self.subject, choice, values)
-            fitted = fit(self.subject, choice, start=start, fractions=(0.35, 0.7, 1.0))
-            if fitted.fraction == baseline.fitted.fraction and np.isfinite(fitted.chi2):
+            fitted = self._grown(self.subject.choose(candidate), values, baseline.fitted)
+            if fitted is not None and np.isfinite(fitted.chi2):
                 made.append(self._keep(fitted))
         return sorted(made, key=lambda c: -c.log_z)
+
+    def _grown(self, choice: Choice, values: dict[str, float], drawn: Fitted) -> Fitted | None:
+        """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one."""
+        x = start_of(self.subject, choice, values)
+        for share in GROWING:
+            made = fit(self.subject, choice, start=x, fractions=(share,))
+            x, asked = made.x, max(CALM, TAKEN * mean_square(drawn, share))
+            if share < 1.0 and not made.chi2 / made.r.size < asked:
+                return None
+        return made
 
     def screen(self, cause: Cause) -> Screen:
         """First-order gains about a cause."""

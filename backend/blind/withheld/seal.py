@@ -64,10 +64,10 @@ def is_sealed(out: Path, seed: int, cases: int, mechanisms: Sequence[str] = ()) 
     if not (out / SEAL).exists():
         return False
     sealed = json.loads((out / SEAL).read_text())
-    asked = (seed, cases, generator_version(), sorted(mechanisms))
-    if (sealed["seed"], sealed["cases"], sealed["version"], sealed.get("mechanisms", [])) != asked:
+    asked, held = (seed, cases, generator_version(), sorted(mechanisms)), sealed.get("mechanisms", [])
+    if (sealed["seed"], sealed["cases"], sealed["version"], held) != asked:
         raise ValueError(
-            f"{out} holds seed {sealed['seed']} with {sealed['cases']} cases of {_names(sealed.get('mechanisms', []))} by "
+            f"{out} holds seed {sealed['seed']} with {sealed['cases']} cases of {_names(held)} by "
             f"generators {sealed['version']}, not seed {seed} with {cases} of {_names(mechanisms)} by {asked[2]}; "
             "name another folder, or ask for resume=False"
         )
