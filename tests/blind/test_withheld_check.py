@@ -257,7 +257,7 @@ def test_mechanisms_kept_for_tests_are_drawn_only_there(quick, monkeypatch):
 def test_one_mechanism_alone_is_drawn_where_it_is_asked_for(tmp_path):
     run_blind(7, 4, tmp_path, lambda study, without: gap("none", none=1.0), mechanisms=("pendulum",))
     assert {label["family"] for label in json.loads((tmp_path / "labels.json").read_text())["labels"]} == {"pendulum"}
-    with pytest.raises(ValueError, match="4 cases of pendulum .* not seed 7 with 4 of all mechanisms"):
+    with pytest.raises(ValueError, match=r"4 cases of pendulum .* not seed 7 with 4 of all mechanisms"):
         run_blind(7, 4, tmp_path, lambda study, without: gap("none", none=1.0))
 
 
