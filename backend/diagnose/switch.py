@@ -18,6 +18,7 @@ from backend.effects.shapes import AbstractJointStop
 
 SHARES = (0.25, 0.55, 0.85)  # of the way from the starts to the end of what a joint passes
 FACTORS = (0.3, 1.5)  # of the expected size
+EARLY = 0.5  # of the records: later, what switched on at another moment has long gone its own way
 
 
 def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarray]) -> Iterator[dict[str, float]]:
@@ -37,10 +38,13 @@ def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarra
 
 
 def promising(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarray]) -> tuple[float, dict[str, float]]:
-    """Least sum of squares, and the opening that has it, with every experiment started from its own static frames."""
+    """Least sum of squares over the first half of the records, and the opening that has it.
+
+    Every experiment starts from its own static frames.
+    """
     choice = subject.choose(candidate)
-    probes = [p.choose(choice.ties, subject.neutral) for p in subject.fit]
-    seer, best = Seer(subject, probes), (np.inf, {})
+    probes = [p.choose(choice.ties, subject.neutral).first(EARLY) for p in subject.fit]
+    seer, best = Seer(subject, probes, EARLY), (np.inf, {})
     for values in openings(subject, candidate, passed):
         x = start_of(subject, choice, values)
         r, _ = seer(x)
