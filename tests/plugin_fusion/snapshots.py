@@ -22,7 +22,9 @@ def solid(low, high, name="Body1", density=ALUMINIUM, material="Aluminum 6061", 
     low, high = np.array(low, float), np.array(high, float)
     size, center = high - low, 0.5 * (low + high)
     mass = density * float(np.prod(size))
-    about_center = mass / 12 * np.diag([size[1] ** 2 + size[2] ** 2, size[0] ** 2 + size[2] ** 2, size[0] ** 2 + size[1] ** 2])
+    about_center = (
+        mass / 12 * np.diag([size[1] ** 2 + size[2] ** 2, size[0] ** 2 + size[2] ** 2, size[0] ** 2 + size[1] ** 2])
+    )
     tensor = about_center + mass * (center @ center * np.eye(3) - np.outer(center, center))
     return {
         "name": name,
@@ -79,7 +81,9 @@ def occurrence(path: str, of: str | None = None, transform=None, **more) -> Reco
     }
 
 
-def joint(name: str, type: int, one: str | None, two: str | None, origin, axis=(0.0, 0.0, 1.0), **more) -> Record:
+def joint(
+    name: str, type: int, one: str | None, two: str | None, origin=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 1.0), **more
+) -> Record:
     """A joint at a place of the world, both origins there."""
     directions = {
         "rotation_axis": list(axis) if type in (REVOLUTE, CYLINDRICAL, PIN_SLOT) else None,
@@ -95,10 +99,12 @@ def joint(name: str, type: int, one: str | None, two: str | None, origin, axis=(
     }  # fmt: skip
 
 
-def as_built(name: str, type: int, one: str, two: str, origin, **more) -> Record:
+def as_built(name: str, type: int, one: str, two: str, origin=(0.0, 0.0, 0.0), **more) -> Record:
     """An as-built joint: one origin, and none where it is rigid."""
     place = None if type == RIGID else {"origin_cm": list(origin), "vectors": []}
-    return joint(name, type, one, two, origin, **{"kind": "as_built", "geometry_one": None, "geometry_two": place, **more})
+    return joint(
+        name, type, one, two, origin, **{"kind": "as_built", "geometry_one": None, "geometry_two": place, **more}
+    )
 
 
 def snapshot(components: dict[str, Record], occurrences: list[Record], joints: list[Record], **more) -> Record:
@@ -128,7 +134,12 @@ def box_mesh(low, high) -> list[tuple[float, ...]]:
 
 def meshes(of: Record, unit_cm: float = 0.1, moved=None):
     """Reads the meshes of a snapshot's boxes. moved: a function on the triangles, such as out of their frame."""
-    boxes = {body["mesh"]: body["box_cm"] for part in of["components"].values() for body in part["bodies"] if body.get("mesh")}
+    boxes = {
+        body["mesh"]: body["box_cm"]
+        for part in of["components"].values()
+        for body in part["bodies"]
+        if body.get("mesh")
+    }
 
     def mesh_of(name: str):
         triangles = [tuple(entry / unit_cm for entry in t) for t in box_mesh(*boxes[name])]
@@ -144,11 +155,15 @@ def export(of: Record, **reading):
 
 def fourbar(**more) -> Record:
     """Ground 10, crank 4, coupler 9, rocker 7 cm in the plane of x and y, the crank at 65°; its pins by hand."""
-    crank, coupler, rocker = 65.0, 22.0145434, 89.7227838
+    crank, coupler, rocker = 65.0, 22.022164322006617, 89.72315474382123
     B = (1.6904730469627978, 3.625231148146601)
-    C = (10.033867926, 6.9999180)
-    del C
-    bars = {"Frame": bar("Frame", 10.0), "Crank": bar("Crank", 4.0), "Coupler": bar("Coupler", 9.0), "Rocker": bar("Rocker", 7.0)}
+    C = (10.033822897061698, 6.99991828606837)
+    bars = {
+        "Frame": bar("Frame", 10.0),
+        "Crank": bar("Crank", 4.0),
+        "Coupler": bar("Coupler", 9.0),
+        "Rocker": bar("Rocker", 7.0),
+    }
     return snapshot(
         bars,
         [
@@ -160,7 +175,7 @@ def fourbar(**more) -> Record:
         [
             joint("A", REVOLUTE, "Crank:1", "Frame:1", (0, 0, 0.5)),
             joint("B", REVOLUTE, "Coupler:1", "Crank:1", (*B, 1.05)),
-            joint("C", REVOLUTE, "Coupler:1", "Rocker:1", (10.03386773, 6.99991806, 1.05)),
+            joint("C", REVOLUTE, "Coupler:1", "Rocker:1", (*C, 1.05)),
             joint("D", REVOLUTE, "Rocker:1", "Frame:1", (10, 0, 0.5)),
         ],
         **more,

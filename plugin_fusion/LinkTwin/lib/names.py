@@ -33,8 +33,10 @@ def body_ids(paths: Iterable[str]) -> dict[str, str]:
     The root component is `ground`.
     """
     wanted = list(paths)
-    short = {path: "/".join(readable(part, "part") for part in path.split("+")) or "ground" for path in wanted}
-    bare = {path: re.sub(r":1(?=/|$)", "", id) for path, id in short.items()}
+    short = {
+        path: "/".join(readable(part, "part") for part in path.split("+")) if path else "ground" for path in wanted
+    }
+    bare = {path: readable(re.sub(r"\s*:1(?=/|$)", "", id), "part") for path, id in short.items()}
     several = {re.sub(r":\d+(?=/|$)", "", id) for id in short.values() if re.search(r":(?!1(?:/|$))\d+(?=/|$)", id)}
     chosen = [short[path] if re.sub(r":\d+(?=/|$)", "", short[path]) in several else bare[path] for path in wanted]
     return dict(zip(wanted, unique(chosen)))
