@@ -90,11 +90,11 @@ def joint(
         "slide_direction": list(axis) if type == SLIDER else None,
         "normal": list(axis) if type == PLANAR else None,
     }
-    place = {"origin_cm": list(origin), "vectors": []}
+    places = [{"origin_cm": list(origin), "vectors": []} for _ in range(2)]
     return {
         "name": name, "kind": "joint", "type": type, "context": "", "one": one, "two": two,
         "suppressed": False, "locked": False, "flipped": False, "message": "", "offset_cm": 0.0, "angle_rad": 0.0,
-        "other_limits": [], "geometry_one": dict(place), "geometry_two": dict(place), **directions,
+        "other_limits": [], "geometry_one": places[0], "geometry_two": places[1], **directions,
         "rotation_rad": 0.0, "slide_cm": 0.0, "rotation_limits": None, "slide_limits": None, **more,
     }  # fmt: skip
 
