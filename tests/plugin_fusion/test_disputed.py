@@ -122,7 +122,7 @@ def wedge_design(integrals=False, world=False):
     )
     told = design["components"]["Link"]["bodies"][0]
     if world:
-        center = TILTED.apply(told["center_cm"]) + [20, -30, 10]
+        center = TILTED.apply(told["center_cm"]) + np.array([20, -30, 10])
         xx, yy, zz, xy, yz, xz = told["moments_kg_cm2"]
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         mass, at = told["mass_kg"], np.array(told["center_cm"])

@@ -230,7 +230,14 @@ def test_components_of_one_name_keep_their_numbers():
     assert [body.id for body in mechanism_of(design).bodies] == ["Frame", "Link:1", "Link:2"]
 
 
-TYPES = {REVOLUTE: "revolute", SLIDER: "prismatic", CYLINDRICAL: "cylindrical", PLANAR: "planar", BALL: "spherical", PIN_SLOT: "planar"}  # fmt: skip
+TYPES = {
+    REVOLUTE: "revolute",
+    SLIDER: "prismatic",
+    CYLINDRICAL: "cylindrical",
+    PLANAR: "planar",
+    BALL: "spherical",
+    PIN_SLOT: "planar",
+}
 
 
 @pytest.mark.parametrize("type", TYPES)

@@ -42,6 +42,7 @@ class Handover(threading.Thread):
             self._end("failed", f"{type(error).__name__}: {error}")
 
     def _hand_over(self) -> dict:
+        self._service.check()
         stored = self._service.store_mechanism(self._folder, self._sent)
         id = str(stored.get("id") or "")
         if not id:
@@ -72,10 +73,12 @@ class Handover(threading.Thread):
             raise Refused(200, "the answer names no job; open the page and start it there")
         while True:
             told = self._service.job(job)
-            state, share = str(told.get("state")), _share(told)
+            state, words, share = str(told.get("state")), str(told.get("words") or ""), _share(told)
             if state in FINISHED:
                 break
-            self._report({"step": "simulate", "share": share, "text": f"Simulating {self._simulate_s:g} s: {state}"})
+            self._report(
+                {"step": "simulate", "share": share, "text": f"Simulating {self._simulate_s:g} s: {words or state}"}
+            )
             if self._stop_asked.wait(POLL_S):
                 self._service.cancel_job(job)
                 raise Cancelled
@@ -88,6 +91,5 @@ class Handover(threading.Thread):
 
 
 def _share(job: dict) -> float | None:
-    progress = job.get("progress")
-    part = progress.get("part") if isinstance(progress, dict) else job.get("part", progress)
+    part = job.get("part")
     return float(part) if isinstance(part, (int, float)) else None

@@ -63,6 +63,10 @@ class Service:
         self.url, self._key = url, key
         self._opener = urllib.request.build_opener(_NoRedirects)
 
+    def check(self) -> None:
+        """Ask for nothing much: a key that is refused is better told before the upload than in the middle of it."""
+        self._ask("GET", "/api/v1/mechanisms?limit=1")
+
     def store_mechanism(self, folder: Path, progress: Callable[[int, int], None] = lambda *_: None) -> dict:
         """Send an export (mechanism.json and its meshes) as one zip; the stored mechanism, with its `id`.
 
