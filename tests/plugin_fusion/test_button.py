@@ -66,7 +66,7 @@ def test_one_press_saves_sends_shows_and_opens_the_page(start, tmp_path, opened)
     assert opened == [f"{service.url}/ui?mechanism={MECHANISM}"]
     assert fusion.boxes == []
     kinds = list(dict.fromkeys(steps(fusion)))
-    assert kinds == ["read", "saved", "upload", "done"]
+    assert kinds == ["read", "saved", "upload", "stored", "done"]
     folder = tmp_path / "exports" / "design_v1"
     assert read_mechanism(folder / "mechanism.json").joints[0].id == "Pivot"
     assert json.loads((folder / "raw" / "snapshot.json").read_text(encoding="utf-8"))["document"]["name"] == "design v1"

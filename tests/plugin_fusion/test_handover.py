@@ -1,6 +1,7 @@
 """Uploads against a server on this machine: progress, refusals, a server that is down, and stopping."""
 
 import json
+import random
 import socket
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -11,6 +12,7 @@ from tests.plugin_fusion.addin import room
 from tests.plugin_fusion.local_service import JOB, KEY, MECHANISM, local_service
 from tests.plugin_fusion.snapshots import box_mesh, fourbar
 
+LARGE = random.Random(0).randbytes(1_000_000)  # what zip cannot make smaller
 ENOUGH_S = 20.0  # for a thread that has seconds of nothing to wait for
 
 
@@ -55,7 +57,7 @@ def test_mechanism_and_meshes_arrive_and_what_fusion_said_stays_here(saved):
 
 
 def test_the_upload_tells_its_share_from_the_first_to_the_last_byte(saved):
-    (saved.folder / "meshes" / "large.stl").write_bytes(bytes(range(256)) * 4000)
+    (saved.folder / "meshes" / "large.stl").write_bytes(LARGE)
     with local_service() as service:
         told = handed_over(service.url, saved.folder)
     shares = [message["share"] for message in told if message["step"] == "upload"]
@@ -71,7 +73,17 @@ def test_a_simulation_is_asked_for_once_and_followed(saved, monkeypatch):
         assert service.requests == [{"kind": "simulate", "mechanism": MECHANISM, "duration_s": 2.0}]
         assert service.repeat_keys[0]
     assert [message["share"] for message in told if message["step"] == "simulate"] == [0.0, 0.5]
-    assert told[-1]["step"] == "done"
+    steps = list(dict.fromkeys(message["step"] for message in told))
+    assert steps == ["upload", "stored", "simulate", "done"], "the page can be opened before the motion is there"
+
+
+def test_a_job_that_stands_still_is_not_told_again_and_again(saved, monkeypatch):
+    monkeypatch.setattr(room("lib.handover"), "POLL_S", 0.001)
+    with local_service() as service:
+        service.parts = (0.5,) * 20 + (1.0,)
+        told = handed_over(service.url, saved.folder, simulate_s=2.0)
+        assert service.asked == 21
+    assert sum(message["step"] == "simulate" for message in told) == 1
 
 
 def test_a_simulation_that_fails_is_told_with_its_reason(saved, monkeypatch):
@@ -93,7 +105,7 @@ def test_stopping_ends_the_job_on_the_service_too(saved, monkeypatch):
 
 
 def test_stopping_ends_an_upload(saved):
-    (saved.folder / "meshes" / "large.stl").write_bytes(bytes(1000) + bytes(range(256)) * 4000)
+    (saved.folder / "meshes" / "large.stl").write_bytes(LARGE)
     with local_service() as service:
         last = handed_over(service.url, saved.folder, stop_at="upload")[-1]
         assert service.folders == []

@@ -16,8 +16,9 @@ FINISHED = ("succeeded", "failed", "cancelled")
 class Handover(threading.Thread):
     """Uploads an export and, where asked, has it simulated; tells `report` every step as a plain dict.
 
-    report: called from this thread with {"step", "share" (0 to 1, or None), "text"}, and at the end once with
-    {"step": "done" | "failed" | "cancelled", "text", "page"}. Inside Fusion it must do no more than fireCustomEvent.
+    report: called from this thread with {"step", "share" (0 to 1, or None), "text"}, with "page" once it is
+    stored, and at the end once with {"step": "done" | "failed" | "cancelled", "text", "page"}. Inside Fusion it must
+    do no more than fireCustomEvent.
     """
 
     def __init__(self, service: Service, folder: Path, report: Callable[[dict], None], simulate_s: float = 0.0):
@@ -47,17 +48,16 @@ class Handover(threading.Thread):
         id = str(stored.get("id") or "")
         if not id:
             raise Refused(200, "the answer names no mechanism: this is not a LinkTwin service; correct its address")
+        page = self._service.page(id)
+        stored = "The mechanism is on the service."
+        self._report({"step": "stored", "share": 1.0, "text": stored, "page": page})
         if self._simulate_s > 0.0:
             self._simulate(id)
-        return {
-            "step": "done",
-            "share": 1.0,
-            "text": "The mechanism is on the service.",
-            "page": self._service.page(id),
-        }
+            stored = f"The mechanism is on the service, and {self._simulate_s:g} s of its motion."
+        return {"step": "done", "share": 1.0, "text": stored, "page": page}
 
     def _sent(self, sent: int, size: int) -> None:
-        if self._stop_asked.is_set():
+        if self._stop_asked.is_set() and sent < size:  # once all is sent, the service has it
             raise Cancelled
         share = sent / max(size, 1)
         if share - self._share >= 0.01 or share == 1.0 > self._share:
@@ -71,14 +71,17 @@ class Handover(threading.Thread):
         job = str(self._service.start_job(request, str(uuid.uuid4())).get("id") or "")
         if not job:
             raise Refused(200, "the answer names no job; open the page and start it there")
+        last = None
         while True:
             told = self._service.job(job)
-            state, words, share = str(told.get("state")), str(told.get("words") or ""), _share(told)
+            state = str(told.get("state"))
             if state in FINISHED:
                 break
-            self._report(
-                {"step": "simulate", "share": share, "text": f"Simulating {self._simulate_s:g} s: {words or state}"}
-            )
+            text = f"Simulating {self._simulate_s:g} s: {told.get('words') or state}"
+            message = {"step": "simulate", "share": _share(told), "text": text}
+            if message != last:
+                last = message
+                self._report(message)
             if self._stop_asked.wait(POLL_S):
                 self._service.cancel_job(job)
                 raise Cancelled

@@ -92,7 +92,7 @@ def _progressed(args):
     """On Fusion's thread again."""
     message = json.loads(args.additionalInfo)
     _palette.tell(message)
-    if message["step"] == "done" and message.get("page"):
+    if message["step"] == "stored":
         webbrowser.open(message["page"])
 
 
