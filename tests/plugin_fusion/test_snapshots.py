@@ -268,6 +268,17 @@ def test_the_joint_starts_at_fusions_own_value(type, value, unit):
     assert describe(mechanism).closure[0].q == pytest.approx(drawn * unit, rel=1e-12)
 
 
+def test_a_driven_joint_leaves_its_frames_and_turns_its_body():
+    """The check that docs/fusion.md asks for inside Fusion: the same joint at 0 and driven."""
+    still = mechanism_of(pair(axis=(0, 0, 1)))
+    driven = mechanism_of(pair(axis=(0, 0, 1), place=rows(turn=about("z", 30)), rotation_rad=np.radians(30)))
+    for frame in ("frame_a", "frame_b"):
+        one, other = (getattr(mechanism.joint("Pivot"), frame) for mechanism in (still, driven))
+        np.testing.assert_allclose(one.position_m, other.position_m, atol=1e-15)
+        np.testing.assert_allclose(one.rotation(), other.rotation(), atol=1e-12)
+    assert still.body("Link").pose != driven.body("Link").pose
+
+
 def test_a_slider_pulled_out_has_its_origins_apart_and_still_meets():
     design = pair(SLIDER, axis=(1, 0, 0), slide_cm=3.0)
     design["joints"][0]["geometry_one"]["origin_cm"] = [3.0, 0.0, 0.5]
