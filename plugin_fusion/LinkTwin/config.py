@@ -1,0 +1,10 @@
+"""Names by which Fusion knows this add-in's parts; each begins with the company's so that none clashes."""
+
+ADDIN = "LinkTwin"
+COMPANY = "linktwin"
+WORKSPACE = "FusionSolidEnvironment"
+PANEL = "SolidScriptsAddinsPanel"
+EXPORT_COMMAND = f"{COMPANY}_export"
+SETTINGS_COMMAND = f"{COMPANY}_settings"
+PALETTE = f"{COMPANY}_palette"
+PROGRESS_EVENT = f"{COMPANY}_progress"
