@@ -28,7 +28,8 @@ MANY = 500  # neighbouring samples from which memory is bettered
 BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
 SWITCHES = 3  # causes of a kind that switches on, refitted
 GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
-TAKEN = 0.6  # of the misfit of a part of the records, left by a cause that is worth the rest of them
+TAKEN = 0.6  # of the misfit beyond noise of a part of the records, left by a cause that is worth the rest of them
+CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
@@ -229,8 +230,9 @@ class Search:
         x = start_of(self.subject, choice, values)
         for share in GROWING:
             made = fit(self.subject, choice, start=x, fractions=(share,))
-            x, asked = made.x, max(CALM, TAKEN * mean_square(drawn, share))
-            if share < 1.0 and not made.chi2 / made.r.size < asked:
+            x, chance = made.x, CHANCE * np.sqrt(2.0 / made.r.size)
+            asked = max(chance, TAKEN * (mean_square(drawn, share) - 1.0))
+            if share < 1.0 and not made.chi2 / made.r.size - 1.0 < asked:
                 return None
         return made
 
