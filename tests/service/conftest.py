@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ import pytest
 import uvicorn
 
 from backend.service.app import create_app
+from backend.service.logs import write_logs
 from backend.service.service import Service, open_service
 from tests.service.serving import FOURBAR, settings_in
 
@@ -35,13 +37,26 @@ def asking(service: Service) -> Iterator[httpx.Client]:
             thread.join(20)
 
 
+@pytest.fixture(scope="session")
+def empty_records(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A migrated database with nothing in it: copying it is quicker than making it."""
+    write_logs()
+    folder = tmp_path_factory.mktemp("empty")
+    service = open_service(settings_in(folder))
+    service.close()
+    return service.settings.data_folder / "records.sqlite"
+
+
 @pytest.fixture
-def opened(tmp_path: Path) -> Iterator[Callable[..., tuple[Service, httpx.Client]]]:
+def opened(tmp_path: Path, empty_records: Path) -> Iterator[Callable[..., tuple[Service, httpx.Client]]]:
     """Open a service with settings of one's own, and a client that asks it."""
     with ExitStack() as stack:
 
         def make(**settings: Any) -> tuple[Service, httpx.Client]:
-            service = open_service(settings_in(tmp_path, **settings))
+            told = settings_in(tmp_path, **settings)
+            told.data_folder.mkdir(exist_ok=True)
+            shutil.copy(empty_records, told.data_folder / "records.sqlite")
+            service = open_service(told)
             client = stack.enter_context(asking(service))
             return service, client
 
