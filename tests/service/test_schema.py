@@ -13,6 +13,8 @@ from schemathesis.specs.openapi.checks import (
     unsupported_method,
 )
 
+from backend.service.keys import make_key
+from backend.service.service import open_service
 from tests.service.conftest import JSON, asking
 from tests.service.serving import FOURBAR, settings_in
 
@@ -25,10 +27,9 @@ EXAMPLES = 6  # of each operation: it is asked again at every run
 
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory, empty_records):
-    from backend.service.service import open_service
-
-    service = open_service(settings_in(tmp_path_factory.mktemp("schema")))
+    service = open_service(settings_in(tmp_path_factory.mktemp("schema"), require_keys=True))
     with asking(service) as client:
+        client.headers["Authorization"] = f"Bearer {make_key(service.database, 'ada')[1]}"
         yield client
 
 
@@ -52,6 +53,7 @@ def test_whatever_is_asked_is_answered_as_the_schema_says(asked, known):
     operations = questions(asked)
     assert len(operations) == 24
     answered = set()
+    shown = {"Authorization": asked.headers["Authorization"]}
     for operation in operations:
 
         @given(case=operation.as_strategy(), exists=strategies.booleans())
@@ -63,7 +65,7 @@ def test_whatever_is_asked_is_answered_as_the_schema_says(asked, known):
             room = (case.operation.path.split("/") + [""] * 4)[3].removesuffix("s")
             if exists and room in known and "id" in case.path_parameters and case.method == "GET":
                 case.path_parameters["id"] = known[room]
-            response = case.call(timeout=60)
+            response = case.call(timeout=60, headers=shown)
             answered.add(response.status_code)
             case.validate_response(response, checks=CHECKS)
 
