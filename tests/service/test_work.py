@@ -1,6 +1,7 @@
 """A worker's work on one job, done in this process: real commands, limits, checkpoints, claims."""
 
 import json
+import threading
 import time
 
 import numpy as np
@@ -20,7 +21,7 @@ from backend.service.storage import Storage
 from backend.service.studies import store_study
 from backend.service.things import delete_thing, files_of, list_things
 from backend.service.videos import store_video
-from tests.service.serving import FOURBAR, settings_in
+from tests.service.serving import FOURBAR, settings_in, until
 from tests.service.test_routes import STUDY, TRACKS
 
 ME, ANOTHER = "this-worker", "another-worker"
@@ -136,6 +137,25 @@ def test_who_lost_a_claim_cannot_say_how_the_job_ended(opened):
     assert finish(service, second, "succeeded", [], "", 0)
     assert claim(service, job.id, ME) is None
     assert find_job(service, LOCAL, job.id).state == "succeeded"
+
+
+def test_who_lost_a_job_to_another_stays_with_it_until_it_has_ended(opened):
+    # To return would tell the durable queue that the job is done, and nobody would resume it if the other died.
+    service = opened()
+    with service.database.writing() as session:
+        session.add(Worker(id=ANOTHER, host="here", pid=1))
+    job = simulation(service, duration_s=600.0)
+    late = threading.Thread(target=carry_out, args=(service, job.id, ME, lambda: True))
+    late.start()
+    until("it works", lambda: find_job(service, LOCAL, job.id).words)
+    taken = claim(service, job.id, ANOTHER)
+    folders = service.settings.scratch / "jobs"
+    until("the late one has dropped its work", lambda: not list(folders.glob("*/*")))
+    assert late.is_alive()
+    assert finish(service, taken, "succeeded", [], "", 0)
+    late.join(30)
+    assert not late.is_alive()
+    assert find_job(service, LOCAL, job.id).attempt == 2
 
 
 def test_a_job_held_by_a_living_worker_is_not_taken(opened):
