@@ -1,0 +1,111 @@
+"""What can be asked of the service: each kind of job with its options, the same as the command's."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+from uuid import UUID
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+MOST_STEPS = 2_000_000
+
+
+def _printable(value: str) -> str:
+    if not value.strip() or not value.isprintable():
+        raise ValueError("has no visible character, or one that cannot be printed; write it plainly")
+    return value
+
+
+Seconds = Annotated[float, Field(gt=0.0, le=3600.0)]
+Step = Annotated[float, Field(ge=1e-6, le=0.1)]
+Line = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
+
+
+class Request(BaseModel):
+    """Base: no unknown fields, no infinities."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class _Motion(Request):
+    duration_s: Seconds = 1.0
+    step_s: Step = 1e-3
+
+    @model_validator(mode="after")
+    def _in_bounds(self) -> _Motion:
+        if self.duration_s / self.step_s > MOST_STEPS:
+            raise ValueError(f"{self.duration_s / self.step_s:.0f} steps are above {MOST_STEPS}; take longer ones")
+        return self
+
+
+class SimulateRequest(_Motion):
+    """Let a stored mechanism go: `linktwin simulate`."""
+
+    kind: Literal["simulate"]
+    mechanism: Annotated[UUID, Field(description="Id of a stored mechanism.")]
+    solve: Literal["compliance", "reduced"] = "compliance"
+    threshold: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+
+
+class JamRequest(Request):
+    """Whether it jams, from the drawn pose or from each experiment's start: `linktwin jam`."""
+
+    kind: Literal["jam"]
+    mechanism: Annotated[UUID, Field(description="Id of a stored mechanism; or give a study.")] | None = None
+    study: Annotated[UUID, Field(description="Id of a stored study; or give a mechanism.")] | None = None
+    duration_s: Seconds | None = None
+    step_s: Step = 1e-3
+    samples: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    vary: Annotated[list[Line], Field(max_length=50)] = []
+    seed: Annotated[int, Field(ge=0, le=2**31)] = 0
+
+    @model_validator(mode="after")
+    def _one_subject(self) -> JamRequest:
+        if (self.mechanism is None) == (self.study is None):
+            raise ValueError("give either a mechanism or a study")
+        if (self.samples is not None or self.vary) and self.mechanism is None:
+            raise ValueError("samples are let go from the drawn pose; give a mechanism")
+        if self.vary and self.samples is None:
+            raise ValueError("vary needs to know how many samples to draw; give samples")
+        return self
+
+
+class FitRequest(Request):
+    """Fit what the drawing leaves open: `linktwin fit`."""
+
+    kind: Literal["fit"]
+    study: Annotated[UUID, Field(description="Id of a stored study.")]
+    free: Annotated[list[Line], Field(min_length=1, max_length=200, description="KIND:ON[.PARAMETER]; * is every one.")]
+    optimiser: Literal["lm", "lbfgsb"] = "lm"
+    loss: Literal["linear", "soft_l1", "huber", "student"] = "linear"
+    noise: Literal["white", "ar1"] = "white"
+    starts: Annotated[int, Field(ge=0, le=1000)] = 0
+    sparse: bool = False
+
+
+class DiagnoseRequest(Request):
+    """Say why the real one differs: `linktwin diagnose`."""
+
+    kind: Literal["diagnose"]
+    study: Annotated[UUID, Field(description="Id of a stored study.")]
+    tolerance_mm: Annotated[float, Field(ge=0.0)] | None = None
+    without: Annotated[list[Line], Field(max_length=100)] = []
+
+
+class TrackRequest(Request):
+    """Measure where the markers went in a clip: `linktwin track`."""
+
+    kind: Literal["track"]
+    video: Annotated[UUID, Field(description="Id of a stored video.")]
+    mechanism: Annotated[UUID, Field(description="Id of a stored mechanism: names the markers.")]
+    bed: Annotated[dict[str, Any] | list[Any], Field(description="Marks on the bed, in metres and pixels.")]
+    clicks: Annotated[
+        dict[str, tuple[float, float]] | None,
+        Field(max_length=1000, description="Marker to pixel (x, y) in the first frame."),
+    ] = None
+    keep_truncated: bool = False
+
+
+JobRequest = Annotated[
+    SimulateRequest | JamRequest | FitRequest | DiagnoseRequest | TrackRequest, Field(discriminator="kind")
+]

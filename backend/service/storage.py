@@ -1,0 +1,94 @@
+"""Stored files under any fsspec URL; each is written once, under a name nobody chose."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+CHUNK = 2**20
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A file in storage: its key there, its size and digest."""
+
+    key: str
+    bytes: int
+    sha256: str
+
+
+class Storage:
+    """Puts, reads and drops files; on a plain folder no copy is made to hand one to a job."""
+
+    def __init__(self, url: str):
+        import fsspec
+
+        self.files, self.root = fsspec.core.url_to_fs(url)
+        self.is_local = "file" in _protocols(self.files)
+        if self.is_local:
+            Path(self.root).mkdir(parents=True, exist_ok=True)
+
+    def put(self, path: Path) -> Kept:
+        """Keep a copy of a file; whole or not at all."""
+        key, digest, size = str(uuid.uuid4()), hashlib.sha256(), 0
+        place = self._place(key)
+        part = f"{place}.part" if self.is_local else place  # object stores show nothing before the last byte
+        if self.is_local:
+            Path(place).parent.mkdir(parents=True, exist_ok=True)
+        with path.open("rb") as source, self.files.open(part, "wb") as target:
+            while chunk := source.read(CHUNK):
+                digest.update(chunk)
+                size += len(chunk)
+                target.write(chunk)
+            if self.is_local:
+                target.flush()
+                os.fsync(target.fileno())
+        if self.is_local:
+            os.replace(part, place)
+        return Kept(key, size, digest.hexdigest())
+
+    def chunks(self, key: str) -> Iterator[bytes]:
+        """Its bytes, a MiB at a time; FileNotFoundError where it is gone."""
+        with self.files.open(self._place(key), "rb") as source:
+            while chunk := source.read(CHUNK):
+                yield chunk
+
+    def read(self, key: str) -> bytes:
+        """All its bytes."""
+        return b"".join(self.chunks(key))
+
+    def bring(self, key: str, to: Path) -> None:
+        """Lay a file at a path of this machine, for reading."""
+        to.parent.mkdir(parents=True, exist_ok=True)
+        if self.is_local:
+            to.symlink_to(self._place(key))
+            return
+        with self.files.open(self._place(key), "rb") as source, to.open("wb") as target:
+            shutil.copyfileobj(source, target, CHUNK)
+
+    def drop(self, key: str) -> None:
+        """Remove it; one that is gone is no error."""
+        try:
+            self.files.rm_file(self._place(key))
+        except FileNotFoundError:
+            return
+
+    def keys(self) -> Iterator[tuple[str, float]]:
+        """Every file in storage, with the time it was written where the storage knows."""
+        for place, told in self.files.find(self.root, detail=True).items():
+            changed = told.get("mtime") or told.get("LastModified") or told.get("created") or 0.0
+            yield place.rsplit("/", 1)[-1], changed.timestamp() if isinstance(changed, datetime) else float(changed)
+
+    def _place(self, key: str) -> str:
+        return f"{self.root}/{key[:2]}/{key}"
+
+
+def _protocols(files: Any) -> tuple[str, ...]:
+    return (files.protocol,) if isinstance(files.protocol, str) else tuple(files.protocol)
