@@ -22,6 +22,7 @@ from backend.commands.fit import fit
 from backend.commands.jam import jam
 from backend.commands.kit import kit
 from backend.commands.simulate import simulate
+from backend.commands.still import still
 from backend.commands.track import track
 from backend.commands.twin import twin
 
@@ -35,7 +36,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 for command in (
-    demo, export, check, simulate, kit, calibrate, track, convert, fit, diagnose, twin, jam, blind,
+    demo, export, check, simulate, kit, calibrate, still, track, convert, fit, diagnose, twin, jam, blind,
 ):  # fmt: skip
     app.command()(command)
 
