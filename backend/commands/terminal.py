@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import re
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
@@ -71,7 +74,13 @@ def _end(error: Exception | str, code: int) -> None:
 
 @contextmanager
 def progress(what: str) -> Iterator[Advance]:
-    """A progress bar on standard error when it is a terminal; otherwise silence."""
+    """A progress bar on standard error when it is a terminal; otherwise silence.
+
+    Where LINKTWIN_PROGRESS names a file, that file is told instead: {"part": 0.4, "words": "..."}.
+    """
+    if told := os.environ.get("LINKTWIN_PROGRESS"):
+        yield _telling(Path(told), what)
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -81,6 +90,24 @@ def progress(what: str) -> Iterator[Advance]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(what, total=None)
         yield lambda part, words="": bar.update(task, completed=part, total=1.0, description=words or what)
+
+
+def _telling(file: Path, what: str) -> Advance:
+    """Keep a small file up to date, whole at every moment, at most ten times a second."""
+    last = -math.inf
+
+    def tell(part: float, words: str = "") -> None:
+        nonlocal last
+        if (now := time.monotonic()) - last < 0.1 and part < 1.0:
+            return
+        last = now
+        fresh = file.with_suffix(".part")
+        with suppress(OSError):  # nobody may be left to be told; the work goes on
+            fresh.write_text(json.dumps({"part": part, "words": words or what}), encoding="utf-8")
+            fresh.replace(file)
+
+    tell(0.0)
+    return tell
 
 
 @contextmanager

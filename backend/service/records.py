@@ -57,7 +57,7 @@ class StoredFile(SQLModel, table=True):
     __table_args__ = (UniqueConstraint("of", "path"),)
 
     key: str = Field(primary_key=True, max_length=64)
-    of: str = Field(index=True, max_length=36)  # id of the thing or of the job
+    of: str = Field(index=True, max_length=64)  # id of the thing or of the job; checkpoint:ID while a job runs
     path: str = Field(max_length=400)
     bytes: int = Field(sa_column=Column(BigInteger, nullable=False))
     sha256: str = Field(max_length=64)

@@ -73,6 +73,10 @@ class Storage:
         with self.files.open(self._place(key), "rb") as source, to.open("wb") as target:
             shutil.copyfileobj(source, target, CHUNK)
 
+    def path(self, key: str) -> Path | None:
+        """Where a file lies on this machine; None in an object store."""
+        return Path(self._place(key)) if self.is_local else None
+
     def drop(self, key: str) -> None:
         """Remove it; one that is gone is no error."""
         try:
@@ -80,7 +84,7 @@ class Storage:
         except FileNotFoundError:
             return
 
-    def keys(self) -> Iterator[tuple[str, float]]:
+    def written(self) -> Iterator[tuple[str, float]]:
         """Every file in storage, with the time it was written where the storage knows."""
         for place, told in self.files.find(self.root, detail=True).items():
             changed = told.get("mtime") or told.get("LastModified") or told.get("created") or 0.0

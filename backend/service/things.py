@@ -17,6 +17,7 @@ from backend.service.storage import Kept
 
 Row = TypeVar("Row", Thing, Job)
 MOST_LISTED = 200
+CHECKPOINT = "checkpoint:"  # before a job's id: whose files these are
 
 
 @dataclass(frozen=True)

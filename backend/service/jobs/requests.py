@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any, Literal
 from uuid import UUID
 
@@ -13,6 +14,14 @@ MOST_STEPS = 2_000_000
 def _printable(value: str) -> str:
     if not value.strip() or not value.isprintable():
         raise ValueError("has no visible character, or one that cannot be printed; write it plainly")
+    return value
+
+
+def _writable(value: Any) -> Any:
+    try:
+        json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"cannot be written as JSON ({error}); keep to finite numbers and plain text") from None
     return value
 
 
@@ -98,9 +107,14 @@ class TrackRequest(Request):
     kind: Literal["track"]
     video: Annotated[UUID, Field(description="Id of a stored video.")]
     mechanism: Annotated[UUID, Field(description="Id of a stored mechanism: names the markers.")]
-    bed: Annotated[dict[str, Any] | list[Any], Field(description="Marks on the bed, in metres and pixels.")]
+    bed: Annotated[
+        dict[str, Any] | list[Any],
+        AfterValidator(_writable),
+        Field(description="Marks on the bed, in metres and pixels."),
+    ]
     clicks: Annotated[
         dict[str, tuple[float, float]] | None,
+        AfterValidator(_writable),
         Field(max_length=1000, description="Marker to pixel (x, y) in the first frame."),
     ] = None
     keep_truncated: bool = False

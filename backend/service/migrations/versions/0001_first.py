@@ -33,7 +33,7 @@ def upgrade() -> None:
     )  # fmt: skip
     op.create_table(
         "stored_file",
-        _text("key", 64, primary_key=True), _text("of", 36), _text("path", 400), _number("bytes", sa.BigInteger),
+        _text("key", 64, primary_key=True), _text("of", 64), _text("path", 400), _number("bytes", sa.BigInteger),
         _text("sha256", 64), _text("media_type", 100),
         sa.UniqueConstraint("of", "path"),
     )  # fmt: skip

@@ -1,0 +1,80 @@
+"""Checkpoints of long jobs, kept in storage while they run, so that another machine can go on."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from pathlib import Path
+
+from sqlmodel import select
+
+from backend.service.jobs.command import CHECKPOINTS
+from backend.service.jobs.holding import Claim, lost
+from backend.service.records import StoredFile
+from backend.service.service import Service
+from backend.service.things import CHECKPOINT, drop_files, files_of, stored
+
+EVERY_S = 5.0
+
+
+class Checkpoints:
+    """What a job's command keeps in its folder to go on from, copied away whenever it has changed."""
+
+    def __init__(self, service: Service, claim: Claim, out: Path):
+        self.service, self.claim, self.out = service, claim, out
+        self.of = CHECKPOINT + claim.job.id
+        self._copied: dict[str, int] = {}
+        self._last = time.monotonic()
+
+    def restore(self) -> bool:
+        """Lay the last ones in the folder; whether there were any."""
+        kept = files_of(self.service, self.of)
+        for file in kept:
+            with (self.out / file.path).open("wb") as target:
+                for chunk in self.service.storage.chunks(file.key):
+                    target.write(chunk)
+        return bool(kept)
+
+    def copy(self) -> None:
+        """Keep what changed since the last copy; not more often than every few seconds."""
+        if time.monotonic() - self._last < EVERY_S:
+            return
+        self._last = time.monotonic()
+        for name in CHECKPOINTS:
+            path = self.out / name
+            try:
+                written = os.stat(path).st_mtime_ns
+            except FileNotFoundError:
+                continue
+            if self._copied.get(name) != written:
+                self._keep(path)
+                self._copied[name] = written
+
+    def drop(self) -> None:
+        """Forget them: the job has ended."""
+        with self.service.database.writing() as session:
+            keys = drop_files(session, self.of)
+        for key in keys:
+            self.service.storage.drop(key)
+
+    def _keep(self, path: Path) -> None:
+        copy = path.with_name(f".{path.name}.copied")
+        try:
+            shutil.copyfile(path, copy)  # the command may replace its own while this one is read
+        except FileNotFoundError:
+            return
+        kept = self.service.storage.put(copy)
+        copy.unlink()
+        stale = [kept.key]
+        if not lost(self.service, self.claim):
+            with self.service.database.writing() as session:
+                same = (StoredFile.of == self.of, StoredFile.path == path.name)
+                before = list(session.exec(select(StoredFile).where(*same)))
+                stale = [file.key for file in before]
+                for file in before:
+                    session.delete(file)
+                session.flush()
+                session.add(stored(self.of, path.name, kept))
+        for key in stale:
+            self.service.storage.drop(key)

@@ -1,0 +1,117 @@
+"""A worker's work on one job: claim it, lay out its inputs, run it, keep what it wrote."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from backend.service.jobs.checkpoint import Checkpoints
+from backend.service.jobs.command import CHECKPOINTS, arguments
+from backend.service.jobs.desk import REPORT
+from backend.service.jobs.holding import Claim, HeldElsewhere, claim, finish, give_back, lost, note_progress
+from backend.service.jobs.process import Ended, complaint, run, said
+from backend.service.problems import Problem
+from backend.service.records import StoredFile
+from backend.service.service import Service
+from backend.service.things import stored
+
+DONE = 0
+MOST_FILES = 2000
+LOST = "lost"  # why a process was stopped whose job is no longer ours
+
+
+def carry_out(service: Service, id: str, worker: str, fit_to_work: Callable[[], bool]) -> None:
+    """Do a job, or what is left of it.
+
+    fit_to_work: whether this worker may go on; one that others hold for dead may not.
+    """
+    while True:
+        try:
+            mine = claim(service, id, worker)
+            break
+        except HeldElsewhere:  # it ends, or dies and leaves the job to us
+            time.sleep(service.settings.heartbeat_s)
+    if mine is None:
+        return
+    folder = service.settings.scratch / "jobs" / id / f"{mine.attempt}-{worker}"
+    for left in folder.parent.glob("*"):  # by attempts whose workers were killed
+        shutil.rmtree(left, ignore_errors=True)
+    folder.mkdir(parents=True)
+    try:
+        _attempt(service, mine, folder, fit_to_work)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):  # another attempt's folder stands beside it
+            folder.parent.rmdir()
+
+
+def _attempt(service: Service, mine: Claim, folder: Path, fit_to_work: Callable[[], bool]) -> None:
+    inputs, out = folder / "inputs", folder / "out"
+    inputs.mkdir()
+    out.mkdir()
+    checkpoints = Checkpoints(service, mine, out)
+    try:
+        resume = checkpoints.restore()
+        command = [*service.settings.job_command, *arguments(service, mine.job.request, inputs, out, resume)]
+    except Problem as problem:
+        finish(service, mine, "failed", [], problem.detail, None)
+        return
+
+    def stop() -> str | None:
+        checkpoints.copy()
+        return LOST if not fit_to_work() or lost(service, mine) else None
+
+    ended = run(
+        command, folder, service.settings, lambda part, words: note_progress(service, mine, part, words), stop
+    )  # fmt: skip
+    if ended.stopped == LOST:
+        return  # whoever claimed it needs the checkpoints; those of a cancelled job are tidied up
+    if resume and ended.code > 1 and "--resume" in complaint(folder):
+        checkpoints.drop()  # written by another version: begin anew
+        give_back(service, mine, crashed=True)
+    elif ended.code < 0 and ended.stopped is None and mine.job.crashes + 1 < service.settings.most_crashes:
+        give_back(service, mine, crashed=True)
+    elif _publish(service, mine, folder, ended):
+        checkpoints.drop()
+
+
+def _publish(service: Service, mine: Claim, folder: Path, ended: Ended) -> bool:
+    """Keep what the job wrote and say how it ended, both or neither; whether it was ours to say."""
+    files = _files(service, mine, folder)
+    state = "succeeded" if ended.code == DONE and ended.stopped is None else "failed"
+    code = ended.code if ended.stopped is None and ended.code >= 0 else None
+    if published := finish(service, mine, state, files, _message(ended, folder, mine), code):
+        return published
+    for file in files:
+        service.storage.drop(file.key)
+    return False
+
+
+def _files(service: Service, mine: Claim, folder: Path) -> list[StoredFile]:
+    out = folder / "out"
+    text = said(folder).replace(f"{folder}/out/", "").replace(f"{folder}/inputs/", "")
+    try:
+        report = json.loads(text)
+    except ValueError:
+        report = None  # a command that failed early prints none
+    if isinstance(report, dict):
+        report.pop("files", None)  # paths on this machine; they are listed beside
+        (out / REPORT).write_text(json.dumps(report, indent=1, ensure_ascii=False), encoding="utf-8")
+    paths = sorted(path for path in out.rglob("*") if path.is_file() and not path.is_symlink())
+    wanted = [path for path in paths if path.name not in CHECKPOINTS and not path.name.startswith(".")]
+    return [
+        stored(mine.job.id, path.relative_to(out).as_posix(), service.storage.put(path)) for path in wanted[:MOST_FILES]
+    ]  # fmt: skip
+
+
+def _message(ended: Ended, folder: Path, mine: Claim) -> str:
+    if ended.stopped is not None:
+        return ended.stopped
+    if ended.code < 0:
+        times = mine.job.crashes + 1
+        return f"Its process was killed {times} times (signal {-ended.code}), perhaps for want of memory; ask for less."
+    return "" if ended.code == DONE else complaint(folder) or f"The command ended with exit code {ended.code}."

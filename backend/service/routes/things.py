@@ -1,0 +1,70 @@
+"""The routes that every kind of stored thing has: list, one, its files, delete."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from urllib.parse import quote
+from uuid import UUID
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import FileResponse, Response, StreamingResponse
+
+from backend.service.answers import API, ROOMS, ListAnswer, ThingAnswer, list_answer, thing_answer
+from backend.service.asking import TheOwner, TheService, TheSlice, may_fail
+from backend.service.records import Kind, StoredFile
+from backend.service.service import Service
+from backend.service.things import delete_thing, file_of, files_of, find_thing, list_things, read_file
+
+FilePath = Annotated[str, Path(pattern=r"^[^\x00-\x1f]{1,400}$", description="As it stands in the list of files.")]
+FILE = {200: {"description": "The file.", "content": {"application/octet-stream": {}, "application/json": {}}}}
+# Results are pages with scripts of their own: shown, but kept apart from the service's own pages.
+APART = {"Content-Security-Policy": "sandbox allow-scripts allow-popups", "X-Content-Type-Options": "nosniff"}
+
+
+def add_routes(router: APIRouter, kind: Kind) -> None:
+    """GET of the list, of one, of one file, and DELETE."""
+    room = ROOMS[kind]
+
+    @router.get(f"/{room}", operation_id=f"list_{room}", responses=may_fail(), summary=f"Your {room}, newest first")
+    def list_all(service: TheService, owner: TheOwner, part: TheSlice) -> ListAnswer[ThingAnswer]:
+        page = list_things(service, owner, kind, part.limit, part.offset)
+        told = [thing_answer(thing) for thing in page.rows]
+        return list_answer(told, page.total, part.limit, part.offset, f"{API}/{room}")
+
+    @router.get(
+        f"/{room}/{{id}}", operation_id=f"get_{kind}", responses=may_fail("not-found"), summary=f"One {kind}"
+    )  # fmt: skip
+    def get_one(id: UUID, service: TheService, owner: TheOwner) -> ThingAnswer:
+        thing = find_thing(service, owner, kind, str(id))
+        return thing_answer(thing, files_of(service, thing.id))
+
+    @router.get(
+        f"/{room}/{{id}}/files/{{path:path}}",
+        operation_id=f"get_{kind}_file",
+        response_class=Response,
+        responses={**may_fail("not-found"), **FILE},
+        summary=f"One file of a {kind}",
+    )
+    def get_file(request: Request, id: UUID, path: FilePath, service: TheService, owner: TheOwner) -> Response:
+        thing = find_thing(service, owner, kind, str(id))
+        return send_file(service, file_of(service, thing.id, path))
+
+    @router.delete(
+        f"/{room}/{{id}}",
+        operation_id=f"delete_{kind}",
+        status_code=204,
+        responses=may_fail("not-found", "in-use"),
+        summary=f"Delete a {kind} and its files",
+    )
+    def delete_one(id: UUID, service: TheService, owner: TheOwner) -> None:
+        delete_thing(service, owner, kind, str(id))
+
+
+def send_file(service: Service, file: StoredFile) -> Response:
+    """A stored file; parts of it on request where it lies on this machine."""
+    name = file.path.rpartition("/")[2]
+    headers = {**APART, "Content-Disposition": f"inline; filename*=UTF-8''{quote(name)}", "ETag": f'"{file.sha256}"'}
+    if (path := service.storage.path(file.key)) is not None:
+        return FileResponse(path, headers=headers, media_type=file.media_type)
+    headers["Content-Length"] = str(file.bytes)
+    return StreamingResponse(read_file(service, file), headers=headers, media_type=file.media_type)

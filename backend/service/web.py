@@ -1,0 +1,35 @@
+"""The web process."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import tempfile
+
+import uvicorn
+
+from backend.service.app import create_app
+from backend.service.jobs.child import tie_to
+from backend.service.logs import logger, write_logs
+from backend.service.service import open_service
+from backend.service.settings import Settings
+
+
+def main() -> None:
+    """PARENT SOCKET: answer on a socket that the parent listens on, and end with it."""
+    parent, descriptor = (int(word) for word in sys.argv[1:3])
+    tie_to(parent)
+    write_logs()
+    settings = Settings()
+    service = open_service(settings)
+    tempfile.tempdir = str(settings.scratch)  # parts of forms are spooled where uploads are
+    config = uvicorn.Config(
+        create_app(service), log_config=None, access_log=False, server_header=False, timeout_keep_alive=30,
+        timeout_graceful_shutdown=3, limit_concurrency=2000, backlog=1024,
+    )  # fmt: skip
+    logger().info("answering", host=settings.host, port=settings.port)
+    uvicorn.Server(config).run(sockets=[socket.socket(fileno=descriptor)])
+
+
+if __name__ == "__main__":
+    main()
