@@ -16,13 +16,13 @@ from backend.service.things import files_of
 
 
 def staged(service: Service, mechanism: Mechanism, room: str, id: str, folder: str = "", shared: str = "") -> Drawn:
-    """A stored drawing for the stage; folder: where its mechanism.json lies among the files. shared: token of a link."""
+    """A stored drawing for the stage; folder: where its mechanism.json lies among the files. shared: JOB/TOKEN of a link."""
     there = {file.path for file in files_of(service, id)}
-    base = f"{ROOT}/files/{room}/{id}/"
+    base = f"{ROOT}/shared-files/{shared}/subject/" if shared else f"{ROOT}/files/{room}/{id}/"
 
     def address(uri: str) -> str | None:
         path = f"{folder}/{uri}".lstrip("/") if folder else uri
-        return base + path if path in there and not shared else None
+        return base + path if path in there else None
 
     return on_stage(mechanism, address)
 

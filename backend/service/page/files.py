@@ -32,10 +32,20 @@ def add_files(app, service_of) -> None:
         service = service_of()
         return await _answered(lambda: _owned(service, request, room, id), service, id, path)
 
+    @app.get("/shared-files/{id}/{token}/subject/{path:path}", include_in_schema=False)
+    async def subject(id: str, token: str, path: str) -> Response:
+        service = service_of()
+
+        def allowed() -> str:
+            request = shared_job(service, id, token).request
+            return request.get("study") or request.get("mechanism") or ""
+
+        return await _answered(allowed, service, "", path)
+
     @app.get("/shared-files/{id}/{token}/{path:path}", include_in_schema=False)
     async def shared(id: str, token: str, path: str) -> Response:
         service = service_of()
-        return await _answered(lambda: shared_job(service, id, token), service, id, path)
+        return await _answered(lambda: shared_job(service, id, token).id, service, id, path)
 
     @app.get("/frames/{id}.png", include_in_schema=False)
     async def frame(request: Request, id: str) -> Response:
@@ -47,7 +57,7 @@ def add_files(app, service_of) -> None:
             return Response(problem.detail, problem.status, media_type="text/plain")
 
 
-def _owned(service: Service, request: Request, room: str, id: str) -> None:
+def _owned(service: Service, request: Request, room: str, id: str) -> str:
     owner = owner_from(service, request)
     if room == "jobs":
         find_job(service, owner, id)
@@ -55,11 +65,12 @@ def _owned(service: Service, request: Request, room: str, id: str) -> None:
         find_thing(service, owner, ROOMS[room], id)
     else:
         raise Problem("not-found", f"There is no {room}.")
+    return id
 
 
 async def _answered(allowed, service: Service, id: str, path: str) -> Response:
     try:
-        await asyncio.to_thread(allowed)
+        id = await asyncio.to_thread(allowed) or id
         if path == "all.zip":
             archive = await asyncio.to_thread(_archive, service, id)
             done = BackgroundTask(archive.unlink, missing_ok=True)

@@ -41,6 +41,14 @@ def drawn(markup: str, look: str = "") -> Element:
     return ui.html(markup, sanitize=False).classes(look)
 
 
+def enable(element: Element, on: bool) -> None:
+    """Let a button be pressed, or not."""
+    if on:
+        element.props(remove="disabled")
+    else:
+        element.props("disabled")
+
+
 def notice(sentences: Sequence[str], look: str, lead: str = "") -> None:
     """A box of sentences: `warn`, `bad` or `good`; nothing where there are none."""
     if not sentences and not lead:

@@ -61,14 +61,17 @@ def view(title: str, trail: Sequence[tuple[str, str]] = (), now: str = "") -> It
         yield
 
 
-def page(path: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """A view at a path. It is given the service and the owner first; a Problem becomes a view that says what to do."""
+def page(path: str, open_to_all: bool = False) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """A view at a path. It is given the service and the owner first; a Problem becomes a view that says what to do.
+
+    open_to_all: no key is asked for, and nobody is the owner.
+    """
 
     def made(show: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(show)
         async def shown(request: Request, **given: Any) -> None:
             try:
-                owner = await asyncio.to_thread(owner_from, service(), request)
+                owner = "" if open_to_all else await asyncio.to_thread(owner_from, service(), request)
                 answer = show(service(), owner, **given)
                 if inspect.isawaitable(answer):
                     await answer
