@@ -77,8 +77,8 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
                 said.clear()
                 with said:
                     notice((str(error).splitlines()[0],), "bad")
-                return
-            ui.navigate.to(f"{ROOT}/jobs/{job.id}")
+                return None
+            ui.navigate.to(f"/jobs/{job.id}")
 
 
 def _placed(point: dict[str, Any]) -> bool:

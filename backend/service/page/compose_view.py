@@ -14,7 +14,7 @@ from nicegui import ui
 
 from backend.service.jobs.desk import list_jobs
 from backend.service.mechanisms import DRAWING
-from backend.service.page.markup import ROOT, button, empty, enable, notice, tag
+from backend.service.page.markup import button, empty, enable, notice, tag
 from backend.service.page.running import brought
 from backend.service.page.runs import Run, kind_of, released
 from backend.service.page.shell import page, tell, view
@@ -64,7 +64,7 @@ async def compose_view(service: Service, owner: str, id: str) -> None:
                 study = await asyncio.to_thread(_store, service, owner, id, thing.name, runs)
             except Problem as problem:
                 return tell(problem, said)
-            ui.navigate.to(f"{ROOT}/studies/{study.id}")
+            ui.navigate.to(f"/studies/{study.id}")
 
         show()
         tag("h2", "Add tables")

@@ -11,7 +11,7 @@ from nicegui import ui
 
 from backend.service.intake.folder import unpack
 from backend.service.mechanisms import DRAWING, load_mechanism, store_mechanism
-from backend.service.page.markup import ROOT, drawn, empty, link, tag
+from backend.service.page.markup import drawn, empty, link, tag
 from backend.service.page.samples import Sample, outline, outline_of, samples, store_sample
 from backend.service.page.shell import page, tell, view
 from backend.service.page.upload import drop_zone
@@ -48,26 +48,38 @@ def home(service: Service, owner: str) -> None:
             with tag("div", look="cards"):
                 for thing in own.rows:
                     _card(thing, f"/mechanisms/{thing.id}", _parts(thing.summary), load_mechanism(service, owner, thing.id))
-        tag("h2", "Bring your own")
+        if own.rows or studied.rows:
+            _bring(service, owner, True)
+            _samples(service, owner)
+        else:
+            _samples(service, owner)
+            _bring(service, owner, False)
 
-        async def taken(files: Mapping[str, Path]) -> None:
-            thing = await asyncio.to_thread(_store, service, owner, files)
-            ui.navigate.to(f"{ROOT}/{'studies' if thing.kind == 'study' else 'mechanisms'}/{thing.id}")
 
-        drop_zone(
-            service,
-            "Drop mechanism.json and its meshes here",
-            "As linktwin export or the Fusion add-in wrote them: the files together, or one zip of the folder. A study.json "
-            "with its tables is taken too.",
-            ".json,.stl,.zip,.csv,.parquet,.mp4,.mov",
-            taken,
-            primary=bool(own.rows or studied.rows),
-        )
-        tag("h2", "Samples")
-        said = tag("div", aria_live="polite")
-        with tag("div", look="cards"):
-            for sample in samples():
-                _sample(service, owner, sample, said)
+def _bring(service: Service, owner: str, primary: bool) -> None:
+    tag("h2", "Bring your own")
+
+    async def taken(files: Mapping[str, Path]) -> None:
+        thing = await asyncio.to_thread(_store, service, owner, files)
+        ui.navigate.to(f"/{'studies' if thing.kind == 'study' else 'mechanisms'}/{thing.id}")
+
+    drop_zone(
+        service,
+        "Drop mechanism.json and its meshes here",
+        "As linktwin export or the Fusion add-in wrote them: the files together, or one zip of the folder. A study.json "
+        "with its tables is taken too.",
+        ".json,.stl,.zip,.csv,.parquet,.mp4,.mov",
+        taken,
+        primary=primary,
+    )
+
+
+def _samples(service: Service, owner: str) -> None:
+    tag("h2", "Samples")
+    said = tag("div", aria_live="polite")
+    with tag("div", look="cards"):
+        for sample in samples():
+            _sample(service, owner, sample, said)
 
 
 def _card(thing: Thing, address: str, words: str, mechanism: Any = None) -> None:
@@ -89,7 +101,7 @@ def _sample(service: Service, owner: str, sample: Sample, said: Any) -> None:
             thing = await store_sample(service, owner, sample.name)
         except Problem as problem:
             return tell(problem, said)
-        ui.navigate.to(f"{ROOT}/{'studies' if thing.kind == 'study' else 'mechanisms'}/{thing.id}")
+        ui.navigate.to(f"/{'studies' if thing.kind == 'study' else 'mechanisms'}/{thing.id}")
 
     card = tag("button", look="card", type="button", data_sample=sample.name).on("click", open_it)
     with card:

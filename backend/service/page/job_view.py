@@ -143,10 +143,10 @@ def _show(service: Service, job: Job, there: set[str], base: str, shared: str) -
     if job.kind == "track":
         if "tracks.csv" in there:
             results.tracking(service, job, base, None if shared else f"{ROOT}/files/videos/{job.request['video']}/")
-        return
+        return None
     pictures = sorted(path for path in there if path.rpartition("/")[2] == "pictures.json")
     if "report.json" not in there:
-        return
+        return None
     report = json.loads(service.storage.read(file_of(service, job.id, "report.json").key))
     if not pictures:
         return results.written_page(there, base)
@@ -206,7 +206,7 @@ def _forget(service: Service, job: Job) -> None:
                 delete_job(service, job.owner, job.id)
             except Problem as problem:
                 return tell(problem, said)
-            ui.navigate.to(f"{ROOT}/work")
+            ui.navigate.to("/work")
 
         button("Delete it and its files", gone, "act danger")
 

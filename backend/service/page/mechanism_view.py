@@ -13,7 +13,7 @@ from backend.service.jobs.desk import list_jobs, start_job
 from backend.service.jobs.requests import JamRequest, SimulateRequest
 from backend.service.mechanisms import DRAWING, delete_mechanism, load_mechanism
 from backend.service.page.drawing_view import facts_beside, parts, staged
-from backend.service.page.markup import ROOT, button, field, link, notice, tag
+from backend.service.page.markup import button, field, link, notice, tag
 from backend.service.page.shell import page, tell, view
 from backend.service.page.stage import StageView
 from backend.service.page.timeline import Timeline
@@ -61,7 +61,7 @@ def mechanism_view(service: Service, owner: str, id: str) -> None:
                     delete_mechanism(service, owner, id)
                 except Problem as problem:
                     return tell(problem, said)
-                ui.navigate.to(f"{ROOT}/")
+                ui.navigate.to("/")
 
             button("Delete it and its meshes", gone, "act danger")
     ui.timer(0.05, lambda: facts_beside(service, id, DRAWING, beside), once=True)
@@ -89,7 +89,7 @@ def _ask(service: Service, owner: str, id: str) -> None:
                 said.clear()
                 with said:
                     return notice(("Give the duration in seconds, above 0 and up to 3600.",), "bad")
-            ui.navigate.to(f"{ROOT}/jobs/{job.id}")
+            ui.navigate.to(f"/jobs/{job.id}")
 
         with tag("div", look="actions"):
             button("Does it jam?", lambda: start("jam"))
@@ -127,7 +127,7 @@ def measure_view(service: Service, owner: str, id: str) -> None:
             if more:
                 raise Problem("invalid", f"{len(files)} clips came at once; bring one after the other.")
             video = await asyncio.to_thread(store_video, service, owner, path, name)
-            ui.navigate.to(f"{ROOT}/mechanisms/{id}/clips/{video.id}")
+            ui.navigate.to(f"/mechanisms/{id}/clips/{video.id}")
 
         drop_zone(
             service,

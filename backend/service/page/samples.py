@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from backend.mechanism.read import read_mechanism
-from backend.report.skeleton import best_view, skeleton_of
 from backend.report.evidence import Motion
+from backend.report.skeleton import best_view, skeleton_of
 from backend.service.mechanisms import DRAWING, store_mechanism
 from backend.service.page.running import linktwin, place
 from backend.service.problems import Problem
@@ -31,7 +31,8 @@ class Sample:
     @property
     def title(self) -> str:
         """As it is called on the page."""
-        return {"fourbar": "Four-bar"}.get(self.name, self.name.replace("_", "-").capitalize())
+        known = {"fourbar": "Four-bar", "slider_crank": "Slider-crank"}
+        return known.get(self.name, self.name.replace("_", " ").capitalize())
 
 
 WORDS = {

@@ -2,7 +2,7 @@ import { askTime, onAsked, onPart, onScheme, onTime, pointAt, Stage, tellTime } 
 
 const PACES = [1, 0.5, 0.25, 0.1, 0.05];
 const WATCHED_S = 4; // a motion shorter than that is slowed down
-const KEPT = 1200; // stamps of drawn frames, to see how smoothly it plays
+const KEPT = 1200; // stamps of drawn frames, and what each cost, to see how smoothly it plays
 
 export default {
   template: `
@@ -59,7 +59,8 @@ export default {
   },
   mounted() {
     this.stamps = [];
-    this.$el.stamps = this.stamps;
+    this.busy = [];
+    Object.assign(this.$el, { stamps: this.stamps, busy: this.busy });
     try {
       this.stage = new Stage(this.$refs.canvas, this.drawn, () => this.ask());
     } catch (error) {
@@ -96,7 +97,8 @@ export default {
         const answer = await fetch(this.replay);
         if (!answer.ok) throw new Error(`${answer.status}`);
         this.motions = Object.freeze((await answer.json()).motions.map(Object.freeze));
-        if (this.motions.length) this.choose();
+        await this.$nextTick();
+        if (this.motions.length && this.stage) this.choose();
         this.$el.dataset.replay = "yes";
       } catch (error) {
         this.trouble = `The motion could not be read (${error.message}). Reload the page; the numbers below are complete.`;
@@ -124,7 +126,7 @@ export default {
       if (!this.playing) return;
       if (this.time_s >= this.stage.motion.end_s - 1e-6) this.show(this.stage.motion.start_s);
       this.before = null;
-      this.stamps.length = 0;
+      this.stamps.length = this.busy.length = 0;
       requestAnimationFrame(this.advance);
     },
     advance(now) {
@@ -134,10 +136,12 @@ export default {
       if (time_s > end_s) time_s = start_s;
       if (this.before !== null) this.stage.world.pace(now - this.before);
       this.before = now;
+      const began = performance.now();
       this.show(time_s);
       this.draw();
       this.stamps.push(now);
-      if (this.stamps.length > KEPT) this.stamps.shift();
+      this.busy.push(performance.now() - began);
+      if (this.stamps.length > KEPT) { this.stamps.shift(); this.busy.shift(); }
       requestAnimationFrame(this.advance);
     },
     scrubbed() {

@@ -14,7 +14,7 @@ from backend.service.jobs.desk import list_jobs, start_job
 from backend.service.jobs.requests import DiagnoseRequest, FitRequest, JamRequest
 from backend.service.mechanisms import parse_drawing
 from backend.service.page.drawing_view import facts_beside, staged
-from backend.service.page.markup import ROOT, button, choice, field, link, notice, tag, tick
+from backend.service.page.markup import button, choice, field, link, notice, tag, tick
 from backend.service.page.shell import page, tell, view
 from backend.service.page.stage import StageView
 from backend.service.page.timeline import Timeline
@@ -100,8 +100,8 @@ def study_view(service: Service, owner: str, id: str) -> None:
                 said.clear()
                 with said:
                     notice((str(error),), "bad")
-                return
-            ui.navigate.to(f"{ROOT}/jobs/{job.id}")
+                return None
+            ui.navigate.to(f"/jobs/{job.id}")
 
         jobs = [job for job in list_jobs(service, owner, 100).rows if job.request.get("study") == id]
         if jobs:
@@ -116,7 +116,7 @@ def study_view(service: Service, owner: str, id: str) -> None:
                     delete_thing(service, owner, "study", id)
                 except Problem as problem:
                     return tell(problem, trouble)
-                ui.navigate.to(f"{ROOT}/")
+                ui.navigate.to("/")
 
             button("Delete it and its tables", gone, "act danger")
     ui.timer(0.05, lambda: facts_beside(service, id, file.mechanism, beside), once=True)

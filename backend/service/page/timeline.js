@@ -13,7 +13,20 @@ function geometry(svg) {
 export default {
   template: `<div class="timeline" ref="root"><slot></slot></div>`,
   mounted() {
+    this.told = [null, 0];
     this.now = new Map();
+    this.places = new Map();
+    this.known = new Set();
+    this.inView = new Set();
+    this.eye = new IntersectionObserver((seen) => {
+      for (const { target, isIntersecting } of seen) isIntersecting ? this.inView.add(target) : this.inView.delete(target);
+      this.follow();
+    });
+    this.sized = new ResizeObserver(() => { this.places.clear(); this.follow(); });
+    this.sized.observe(this.$el);
+    this.grown = new MutationObserver(() => this.watch());
+    this.grown.observe(this.$el, { childList: true, subtree: true });
+    this.watch();
     this.end = onTime(({ motion, time_s }) => this.follow(motion, time_s));
     this.$el.addEventListener("pointermove", (event) => this.read(event));
     this.$el.addEventListener("pointerleave", () => this.forget(), true);
@@ -21,22 +34,40 @@ export default {
     this.$el.addEventListener("pointerover", (event) => this.part(event));
     this.$el.addEventListener("focusin", (event) => this.part(event));
   },
-  unmounted() { this.end?.(); },
+  unmounted() { this.end?.(); this.eye?.disconnect(); this.sized?.disconnect(); this.grown?.disconnect(); },
   methods: {
     linked(svg) { return svg.closest("[data-run]")?.dataset; },
+    // The line stands over the chart and not in it: moving it repaints nothing.
     follow(motion, time_s) {
-      for (const svg of this.$el.querySelectorAll("svg.chart")) {
+      if (motion !== undefined) this.told = [motion, time_s];
+      for (const svg of this.inView) {
         const link = this.linked(svg);
-        if (!link || link.run !== motion) { this.now.get(svg)?.setAttribute("d", ""); continue; }
-        const g = geometry(svg), x = time_s - Number(link.offset || 0);
-        if (!this.now.has(svg) || !svg.contains(this.now.get(svg))) {
-          const line = svg.appendChild(make("path"));
-          line.setAttribute("class", "now");
-          this.now.set(svg, line);
-        }
-        const at = g.left + (x - g.x0) / (g.x1 - g.x0) * (g.right - g.left);
-        this.now.get(svg).setAttribute("d", at >= g.left && at <= g.right ? `M${at.toFixed(1)} ${g.top}V${g.bottom}` : "");
+        if (!link) continue;
+        const line = this.line(svg), on = link.run === this.told[0], place = this.places.get(svg) ?? this.measure(svg);
+        const x = this.told[1] - Number(link.offset || 0), at = place.left + (x - place.x0) / (place.x1 - place.x0) * place.width;
+        const seen = on && at >= place.left - 0.5 && at <= place.left + place.width + 0.5;
+        if (line.hidden === seen) line.hidden = !seen;
+        if (seen) line.style.transform = `translateX(${at.toFixed(1)}px)`;
       }
+    },
+    line(svg) {
+      let line = this.now.get(svg);
+      if (!line?.isConnected) {
+        line = Object.assign(document.createElement("i"), { className: "now", hidden: true });
+        svg.parentElement.append(line);
+        this.now.set(svg, line);
+      }
+      return line;
+    },
+    measure(svg) {
+      const g = geometry(svg), box = svg.getBoundingClientRect(), frame = svg.parentElement.getBoundingClientRect(), scale = box.width / g.width;
+      const place = { left: box.left - frame.left + scale * g.left, width: scale * (g.right - g.left), x0: g.x0, x1: g.x1 };
+      Object.assign(this.line(svg).style, { top: `${box.top - frame.top + scale * g.top}px`, height: `${scale * (g.bottom - g.top)}px` });
+      this.places.set(svg, place);
+      return place;
+    },
+    watch() {
+      for (const svg of this.$el.querySelectorAll("svg.chart")) if (!this.known.has(svg)) { this.known.add(svg); this.eye.observe(svg); }
     },
     under(event) {
       const svg = event.target.closest?.("svg.chart");

@@ -130,7 +130,7 @@ export class Stage {
       this.trailMaterial = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.55, depthTest: false });
       this.missMaterial = new THREE.LineBasicMaterial({ depthTest: false });
       this.trails = Object.values(sent.seen.markers).map((points) => add(makeTrail(points, this.trailMaterial)));
-      this.dots = new Map(Object.keys(sent.seen.markers).map((id) => [id, add(makeDot(0.62 * this.unit, this.seenMaterial))]));
+      this.dots = new Map(Object.keys(sent.seen.markers).map((id) => [id, add(makeDot(0.8 * this.unit, this.seenMaterial))]));
     }
     if (sent.forces_n) {
       this.arrowMaterial = markMaterial(0.95);

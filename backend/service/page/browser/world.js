@@ -75,6 +75,8 @@ export class World {
 
   // Zoom so that the box fills the frame as seen from where the camera stands.
   fit() {
+    this.resize();
+    this.camera.updateMatrixWorld();
     const inverse = this.camera.matrixWorld.clone().invert();
     const seen = new THREE.Box3();
     for (const box of this.boxes) {
