@@ -113,8 +113,8 @@ def _request(mechanism: str, video: str, given: dict[str, Any]) -> TrackRequest:
     elif camera := given.get("camera"):
         bed["camera_height_m"] = 1e-3 * float(camera)
     clicks = {dot["id"]: (dot["x_px"], dot["y_px"]) for dot in points["dots"] if _placed(dot)}
-    asked = {
-        "kind": "track", "video": video, "mechanism": mechanism, "bed": bed, "clicks": clicks or None,
-        "keep_truncated": bool(given.get("keep")),
-    }  # fmt: skip
+    asked: dict[str, Any] = {"kind": "track", "video": video, "mechanism": mechanism, "bed": bed}
+    asked["keep_truncated"] = bool(given.get("keep"))
+    if clicks:
+        asked["clicks"] = clicks
     return TrackRequest.model_validate(asked)

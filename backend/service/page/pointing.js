@@ -19,7 +19,7 @@ export default {
               <label>x <input type="number" step="any" v-model.number="point.x_mm" @input="tell" :aria-label="'x of ' + point.id + ' in mm'"> mm</label>
               <label>y <input type="number" step="any" v-model.number="point.y_mm" @input="tell" :aria-label="'y of ' + point.id + ' in mm'"> mm</label>
             </template>
-            <button v-if="placed(point)" type="button" class="quiet" @click="drop(point)" :aria-label="'Take ' + point.id + ' off'">take off</button>
+            <button v-if="placed(point)" type="button" class="quiet" @click="drop(point)" :aria-label="'Take ' + point.id + ' off'">×</button>
           </li>
         </ol>
         <button v-if="mode === 'marks'" type="button" class="act small" @click="more">Add a mark</button>

@@ -56,7 +56,7 @@ def drop_zone(
         progress = tag("div", look="gauge", role="progressbar", aria_label="Upload", style="width: 60%; display: none")
         with progress:
             tag("i")
-    inner = f"getElement({upload.id})"
+    inner = f"getElement({upload.id}).$refs.qRef"
     bar = f"document.getElementById('{progress.html_id}')"
     press.on("click", js_handler=f"() => {inner}.pickFiles()")
     box.on("dragover", js_handler="(e) => { e.preventDefault(); e.currentTarget.classList.add('over'); }")
