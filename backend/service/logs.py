@@ -12,7 +12,11 @@ import structlog
 def write_logs(level: int = logging.INFO) -> None:
     """Set up once, by an entry point: words for people on a terminal, JSON otherwise."""
     terminal = sys.stderr.isatty()
-    shown = [structlog.dev.ConsoleRenderer()] if terminal else [structlog.processors.format_exc_info]
+    shown = (
+        [structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)]
+        if terminal
+        else [structlog.processors.format_exc_info]
+    )
     structlog.configure(
         processors=[
             structlog.contextvars.merge_contextvars,

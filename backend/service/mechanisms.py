@@ -60,6 +60,8 @@ def parse_drawing(service: Service, text: bytes) -> Mechanism:
         raise Problem("invalid", f"{DRAWING} is not UTF-8 text; save it as UTF-8.") from None
     except DrawingError as error:
         raise faulty(error) from None
+    if not (drawn.name.strip() and drawn.name.isprintable()):
+        raise Problem("invalid", f"The drawing's name {drawn.name[:60]!r} cannot be printed; write it plainly.")
     for body in drawn.bodies:
         for mesh in body.meshes:
             safe_path(mesh.uri)

@@ -51,6 +51,14 @@ EXAMPLES = {
     "diagnose": {"value": {"kind": "diagnose", "study": ID, "tolerance_mm": 1.0}},
     "track": {"value": {"kind": "track", "video": ID, "mechanism": ID, "bed": {"marks": []}, "clicks": None}},
 }
+EVENT = {
+    "type": "object",
+    "properties": {
+        "event": {"enum": ["progress", "end"]},
+        "id": {"type": "string"},
+        "data": {"type": "string", "contentMediaType": "application/json"},
+    },
+}
 RepeatKey = Annotated[
     str | None,
     Header(
@@ -114,7 +122,7 @@ def delete(
         **may_fail("not-found", "too-many-jobs"),
         200: {
             "description": "`progress` events with data as ProgressAnswer, at every change, then one `end`.",
-            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+            "content": {"text/event-stream": {"schema": EVENT}},
         },
     },
 )

@@ -1,0 +1,46 @@
+"""Stands in for `linktwin` as a job's program: as long as it is told, no longer to start than Python itself.
+
+LEDGER, then the arguments of `linktwin`.  Each start and each end is one line of the ledger.  What it does, the options
+of `simulate` say: --duration seconds of work in steps that are told; --solve=reduced fails; --threshold=0.5 dies of a
+signal once; --threshold=0.25 leaves a process of its own behind.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ledger, command, subject, *rest = sys.argv[1:]
+options = dict(word.lstrip("-").partition("=")[::2] for word in rest)
+out = Path(options["out"])
+progress = os.environ["LINKTWIN_PROGRESS"]
+
+
+def note(what):
+    with open(ledger, "a") as file:
+        file.write(f"{what} {out.parent.parent.name} {os.getpid()}\n")
+
+
+note("start")
+began = Path(ledger).read_text().count(f"start {out.parent.parent.name} ")
+if options.get("threshold") == "0.5" and began == 1:
+    os.kill(os.getpid(), signal.SIGKILL)
+if options.get("threshold") == "0.25":
+    left = subprocess.Popen([sys.executable, "-I", "-S", "-c", "import time; time.sleep(600)"])
+    Path(f"{ledger}.left").write_text(str(left.pid))
+drawn = json.loads(Path(subject).read_text())["name"]
+print("words on the way", file=sys.stderr)
+for tenth in range(10):
+    Path(f"{progress}.part").write_text(json.dumps({"part": tenth / 10, "words": "standing in"}))
+    os.replace(f"{progress}.part", progress)
+    time.sleep(float(options["duration"]) / 10)
+(out / "inner").mkdir()
+(out / "inner" / "motion.csv").write_text("time_s\n0\n")
+note("end")
+if options.get("solve") == "reduced":
+    print(f"error: {subject}: it did not succeed; try another way", file=sys.stderr)
+    sys.exit(1)
+print(json.dumps({"mechanism": drawn, "files": {"motion": str(out)}}))

@@ -1,0 +1,175 @@
+"""The routes as their users meet them: stored things come back, every failure is a problem document."""
+
+import io
+import json
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+from tests.service.asked import refused
+from tests.service.conftest import JSON
+from tests.service.serving import FOURBAR, ROOT
+
+STL = b"solid a\nfacet normal 0 0 1\nendsolid a\n"
+TRACKS = "time_s,marker,x_m,y_m,z_m,sigma_m\n" + "".join(f"{0.01 * k},B,0.1,0.0,0.0,\n" for k in range(30))
+STUDY = {
+    "schema_version": "1.0",
+    "mechanism": "mechanism.json",
+    "experiments": [{"id": "e1", "tracks": "e1.csv", "release": {"time_s": 0.1}}],
+}
+
+
+def zipped(files: dict[str, bytes | str]) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path, content in files.items():
+            archive.writestr(path, content)
+    return packed.getvalue()
+
+
+def store_zip(client, room, files):
+    return client.post(f"/api/v1/{room}", content=zipped(files), headers={"content-type": "application/zip"})
+
+
+def test_a_mechanism_comes_back_byte_for_byte_with_its_meshes(client):
+    files = {"fourbar/mechanism.json": FOURBAR.read_bytes(), "fourbar/meshes/crank.stl": STL}
+    stored = store_zip(client, "mechanisms", files)
+    assert stored.status_code == 201, stored.text
+    told = client.get(stored.headers["location"]).json()
+    assert {file["path"] for file in told["files"]} == {"mechanism.json", "meshes/crank.stl"}
+    assert "meshes/crank.stl" not in told["summary"]["missing_meshes"]
+    for file in told["files"]:
+        assert client.get(file["url"]).content == files[f"fourbar/{file['path']}"]
+
+
+def test_a_folder_may_come_as_parts_of_a_form(client):
+    parts = [("files", ("mechanism.json", FOURBAR.read_bytes())), ("files", ("meshes/crank.stl", STL))]
+    stored = client.post("/api/v1/mechanisms", files=parts, params={"name": "Hebel ü"})
+    assert stored.status_code == 201, stored.text
+    assert stored.json()["name"] == "Hebel ü"
+    assert len(stored.json()["files"]) == 2
+
+
+def test_a_study_comes_as_a_folder_or_is_made_of_what_is_stored(client, drawing):
+    folder = {"mechanism.json": FOURBAR.read_bytes(), "e1.csv": TRACKS, "study.json": json.dumps(STUDY)}
+    stored = store_zip(client, "studies", folder)
+    assert stored.status_code == 201, stored.text
+    first = stored.json()
+    assert first["summary"]["experiments"] == [{"id": "e1", "use": "fit"}]
+    experiment = {**STUDY["experiments"][0], "tracks": f"studies/{first['id']}/files/e1.csv"}
+    composed = {**STUDY, "mechanism": f"mechanisms/{drawing}", "experiments": [experiment]}
+    stored = client.post("/api/v1/studies", json=composed)
+    assert stored.status_code == 201, stored.text
+    paths = {file["path"] for file in stored.json()["files"]}
+    assert paths == {"study.json", "mechanism.json", "experiment_1_tracks.csv"}
+
+
+def test_a_faulty_drawing_is_refused_with_every_fault_and_its_remedy(client):
+    text = (
+        FOURBAR.read_text()
+        .replace('"mass_kg": ', '"mass_kg": -')
+        .replace('"schema_version": "1.0"', '"schema_version": "1.0", "colour": 1')
+    )
+    document = refused(client.post("/api/v1/mechanisms", content=text, headers=JSON), 422, "invalid")
+    assert any("colour" in fault for fault in document["errors"])
+    assert any("mass_kg" in fault and "crank" in fault for fault in document["errors"])
+
+
+def test_a_table_that_names_an_unknown_marker_is_refused_with_its_row(client):
+    folder = {
+        "mechanism.json": FOURBAR.read_bytes(),
+        "e1.csv": TRACKS.replace(",B,", ",Q,"),
+        "study.json": json.dumps(STUDY),
+    }
+    document = refused(store_zip(client, "studies", folder), 422, "invalid")
+    assert any("e1.csv" in fault and "row 2" in fault and '"Q"' in fault for fault in document["errors"])
+    assert "/tmp" not in json.dumps(document)
+
+
+def test_lists_come_in_slices_newest_first(client):
+    ids = [
+        client.post("/api/v1/mechanisms", content=FOURBAR.read_bytes(), headers=JSON, params={"name": f"n{k}"}).json()[
+            "id"
+        ]
+        for k in range(5)
+    ]
+    seen, path = [], "/api/v1/mechanisms?limit=2"
+    while path:
+        part = client.get(path).json()
+        assert part["total"] == 5
+        seen += [thing["id"] for thing in part["items"]]
+        path = part["next"]
+    assert seen == ids[::-1]
+
+
+def test_what_an_unfinished_job_needs_is_kept_and_what_is_deleted_is_gone(client, drawing):
+    asked = {"kind": "simulate", "mechanism": drawing}
+    job = client.post("/api/v1/jobs", json=asked).json()["id"]
+    refused(client.delete(f"/api/v1/mechanisms/{drawing}"), 409, "in-use")
+    refused(client.get(f"/api/v1/jobs/{job}/result"), 409, "not-finished")
+    assert client.delete(f"/api/v1/jobs/{job}").json()["state"] == "cancelled"
+    assert client.delete(f"/api/v1/jobs/{job}", params={"forget": True}).status_code == 200
+    refused(client.get(f"/api/v1/jobs/{job}"), 404, "not-found")
+    assert client.delete(f"/api/v1/mechanisms/{drawing}").status_code == 204
+    refused(client.get(f"/api/v1/mechanisms/{drawing}"), 404, "not-found")
+    refused(client.post("/api/v1/jobs", json=asked), 404, "not-found")
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "kind"),
+    [
+        ("GET", "/api/v1/nowhere", 404, "not-found"),
+        ("GET", "/nowhere", 404, "not-found"),
+        ("PATCH", "/api/v1/jobs", 405, "wrong-method"),
+        ("GET", "/api/v1/jobs/not-a-uuid", 422, "invalid"),
+        ("GET", "/api/v1/jobs?limit=0", 422, "invalid"),
+        ("GET", "/api/v1/jobs/0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55/events", 404, "not-found"),
+    ],
+)
+def test_every_failure_is_a_problem_document(client, method, path, status, kind):
+    document = refused(client.request(method, path), status, kind)
+    assert document["instance"] == path.partition("?")[0]
+
+
+def test_a_job_that_is_asked_for_wrongly_is_refused_with_the_field(client, drawing):
+    for wrong, field in [
+        ({"kind": "dance"}, "kind"),
+        ({"kind": "simulate", "mechanism": drawing, "duration_s": -1}, "duration_s"),
+        ({"kind": "simulate", "mechanism": drawing, "speed": 3}, "speed"),
+        ({"kind": "fit", "study": drawing, "free": []}, "free"),
+        ({"kind": "jam"}, "either a mechanism or a study"),
+        ({"kind": "simulate", "mechanism": drawing, "duration_s": 3600, "step_s": 1e-6}, "steps"),
+    ]:
+        document = refused(client.post("/api/v1/jobs", json=wrong), 422, "invalid")
+        assert any(field in fault for fault in document["errors"]), document
+    refused(client.post("/api/v1/jobs", content="{", headers=JSON), 400, "malformed")
+
+
+def test_health_tells_of_workers_and_jobs(client, drawing):
+    assert client.get("/health").json() == {"status": "ok", "workers": 0, "waiting": 0, "running": 0}
+    client.post("/api/v1/jobs", json={"kind": "simulate", "mechanism": drawing})
+    assert client.get("/health").json()["waiting"] == 1
+
+
+def test_the_schema_is_openapi_3_1_with_examples(client):
+    schema = client.get("/api/v1/openapi.json").json()
+    assert schema["openapi"].startswith("3.1")
+    body = schema["paths"]["/api/v1/jobs"]["post"]["requestBody"]["content"]["application/json"]
+    assert set(body["examples"]) == {"simulate", "jam", "fit", "diagnose", "track"}
+    for path, methods in schema["paths"].items():
+        for method, told in methods.items():
+            codes = set(told["responses"])
+            assert {"401", "422", "429"} <= codes, (path, method)
+
+
+def test_the_web_process_loads_no_solver_no_vision_no_cad_and_no_queue():
+    code = (
+        "import sys, backend.service.web\n"
+        "heavy = {'jax', 'equinox', 'cv2', 'av', 'cadquery', 'trimesh', 'dbos', 'pandas'}\n"
+        "print(*heavy & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []
