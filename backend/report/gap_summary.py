@@ -88,11 +88,11 @@ def _overlays(study: Study, found: Diagnosis, worst: str) -> tuple[Overlay, ...]
                 played(cause, test.probe, test.probe.settle(cause.fitted.values))
                 for cause, test in ((found.best, best), (found.baseline, drawn))
             ]
-            made[worst] = Overlay(worst, *motions)
+            made[worst] = Overlay(worst, motions[0], motions[1])
     for i, probe in enumerate(found.subject.fit):
         if probe.experiment.id == worst or i == 0:
             motions = [played(c, c.fitted.whole[i], c.fitted.own(i)) for c in (found.best, found.baseline)]
-            made[probe.experiment.id] = Overlay(probe.experiment.id, *motions)
+            made[probe.experiment.id] = Overlay(probe.experiment.id, motions[0], motions[1])
     if found.report.verdict == "none":
         made = {name: replace(overlay, before=None) for name, overlay in made.items()}
     seen = {name: seen_markers(study, name) for name in made}

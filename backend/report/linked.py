@@ -77,7 +77,9 @@ def gap_pictures(evidence: GapEvidence) -> Pictures:
         for chart in (gap_page.compared(channel, report), gap_page.what_is_left(channel, report))
     ]
     charts += [
-        Linked(chart, f"What is missing at joint {evidence.missing_at}", one.experiment, release.get(one.experiment, 0.0))
+        Linked(
+            chart, f"What is missing at joint {evidence.missing_at}", one.experiment, release.get(one.experiment, 0.0)
+        )
         for one, chart in zip(evidence.missing, gap_page.missing_forces(evidence), strict=False)
     ]
     return Pictures("diagnose", evidence.overlays, charts, "with the best cause", story=_gap_story(evidence))

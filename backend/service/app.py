@@ -16,7 +16,6 @@ from starlette.exceptions import HTTPException
 from backend.service.answers import API
 from backend.service.gate import Gate
 from backend.service.logs import logger
-from backend.service.page.mount import mount_page
 from backend.service.problems import MEDIA_TYPE, Problem, phrase
 from backend.service.routes import health, jobs, stored
 from backend.service.service import Service
@@ -47,7 +46,6 @@ def create_app(service: Service) -> FastAPI:
     app.include_router(health.router)
     for error, handler in HANDLERS.items():
         app.add_exception_handler(error, handler)
-    mount_page(app, service)
     app.add_middleware(Gate, settings=service.settings)
     return app
 

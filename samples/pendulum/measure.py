@@ -42,7 +42,9 @@ def main() -> None:
         lines = ["time_s,marker,x_m,y_m,z_m,sigma_m"]
         for marker in drawn["markers"]:
             reach = marker["position_m"][0]
-            place = reach * np.stack([np.sin(angles), -np.cos(angles)], 1) + NOISE_M * rng.standard_normal((len(angles), 2))
+            place = reach * np.stack([np.sin(angles), -np.cos(angles)], 1) + NOISE_M * rng.standard_normal(
+                (len(angles), 2)
+            )
             lines += [f"{t:.6f},{marker['id']},{x:.6f},,{z:.6f}," for t, (x, z) in zip(times, place, strict=True)]
         (out / f"{run}.csv").write_text("\n".join(lines) + "\n")
         release = {"time_s": HELD_S, "at_rest": True}

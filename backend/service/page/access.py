@@ -40,7 +40,9 @@ def shared_job(service: Service, job: str, token: str) -> Job:
         with service.database.reading() as session:
             if (found := session.get(Job, job)) is not None:
                 return found
-    raise Problem("not-found", "This link shows nothing: it was cut short, or the result was deleted. Ask for a new one.")
+    raise Problem(
+        "not-found", "This link shows nothing: it was cut short, or the result was deleted. Ask for a new one."
+    )
 
 
 def _secret(service: Service) -> bytes:

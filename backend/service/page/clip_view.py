@@ -42,7 +42,11 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
         with tag("div", look="headline"):
             with tag("div"):
                 tag("h1", f"Where things are in {clip.name}")
-                tag("p", "Its first frame. Click on four known points of the bed; the tracker finds the dots by itself.", "soft")
+                tag(
+                    "p",
+                    "Its first frame. Click on four known points of the bed; the tracker finds the dots by itself.",
+                    "soft",
+                )
             with tag("div", look="actions"):
                 go = button("Track the dots", lambda: start(), "act primary", disabled=True)
         said = tag("div", aria_live="polite")
@@ -63,8 +67,8 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
         tick("The clip ends too early: measure what can be read", False, lambda on: given.update(keep=on))
         tag(
             "p",
-            "Without a focal length the picture is taken for flat: good where the dots lie in the plane of the marks and "
-            "the camera looks square at it.",
+            "Without a focal length the picture is taken for flat: good where the dots lie in the plane of the marks "
+            "and the camera looks square at it.",
             "note",
         )
 
@@ -72,12 +76,13 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
             try:
                 job = start_job(service, owner, _request(id, video, given))
             except Problem as problem:
-                return tell(problem, said)
+                tell(problem, said)
+                return
             except ValueError as error:
                 said.clear()
                 with said:
                     notice((str(error).splitlines()[0],), "bad")
-                return None
+                return
             ui.navigate.to(f"/jobs/{job.id}")
 
 

@@ -38,7 +38,11 @@ async def compose_view(service: Service, owner: str, id: str) -> None:
         with tag("div", look="headline"):
             with tag("div"):
                 tag("h1", "Make a study of the runs")
-                tag("p", "Fitted runs teach; runs kept aside are only predicted and show whether what was learnt is true.", "soft")
+                tag(
+                    "p",
+                    "Fitted runs teach; runs kept aside are only predicted and show whether what was learnt is true.",
+                    "soft",
+                )
             with tag("div", look="actions"):
                 go = button("Save the study", lambda: save(), "act primary")
         said = tag("div", aria_live="polite")
@@ -63,7 +67,8 @@ async def compose_view(service: Service, owner: str, id: str) -> None:
             try:
                 study = await asyncio.to_thread(_store, service, owner, id, thing.name, runs)
             except Problem as problem:
-                return tell(problem, said)
+                tell(problem, said)
+                return
             ui.navigate.to(f"/studies/{study.id}")
 
         show()
@@ -97,9 +102,14 @@ def _row(run: Run) -> None:
             tag("span", run.id)
         tag("td", words[run.table])
         with tag("td"):
-            at = tag("input", look="in", type="number", step="any", style="width: 110px", aria_label=f"{run.id} let go at",
-                     value="" if run.released_s is None else run.released_s, placeholder="in motion")  # fmt: skip
-            at.on("input", lambda e: setattr(run, "released_s", _number(e.args)), js_handler="(e) => emit(e.target.value)")
+            now = "" if run.released_s is None else run.released_s
+            at = tag(
+                "input", look="in", type="number", step="any", style="width: 110px", value=now,
+                aria_label=f"{run.id} let go at", placeholder="in motion",
+            )  # fmt: skip
+            at.on(
+                "input", lambda e: setattr(run, "released_s", _number(e.args)), js_handler="(e) => emit(e.target.value)"
+            )
         with tag("td"):
             use = tag("select", look="in", aria_label=f"use of {run.id}")
             with use:
@@ -134,7 +144,9 @@ def _tracked(service: Service, owner: str, mechanism: str, folder: Path) -> list
             continue
         path = brought(service, job.id, "tracks.csv")
         name = find_thing(service, owner, "video", job.request["video"]).name
-        runs.append(Run(_free_name(Path(name).stem, runs), "tracks", str(path), released(path, "tracks"), len(runs) > 1))
+        runs.append(
+            Run(_free_name(Path(name).stem, runs), "tracks", str(path), released(path, "tracks"), len(runs) > 1)
+        )
     return runs
 
 

@@ -16,7 +16,10 @@ from backend.service.things import files_of
 
 
 def staged(service: Service, mechanism: Mechanism, room: str, id: str, folder: str = "", shared: str = "") -> Drawn:
-    """A stored drawing for the stage; folder: where its mechanism.json lies among the files. shared: JOB/TOKEN of a link."""
+    """A stored drawing for the stage.
+
+    folder: where its mechanism.json lies among the files. shared: JOB/TOKEN of a link.
+    """
     there = {file.path for file in files_of(service, id)}
     base = f"{ROOT}/shared-files/{shared}/subject/" if shared else f"{ROOT}/files/{room}/{id}/"
 
@@ -32,7 +35,8 @@ async def facts_beside(service: Service, thing: str, drawing: str, where: Any) -
     try:
         report = await checked(service, thing, drawing)
     except Problem as problem:
-        return tell(problem, where)
+        tell(problem, where)
+        return
     where.clear()
     with where:
         mobility = report["mobility"]
@@ -77,7 +81,9 @@ def parts(mechanism: Mechanism) -> None:
         with tag("ul", look="parts"):
             for joint in mechanism.joints:
                 loose = joint.fit.clearance_m() if joint.fit else None
-                told = f"{joint.type}, {joint.body_a} – {joint.body_b}" + (f", {1e6 * loose:.0f} µm loose" if loose else "")
+                told = f"{joint.type}, {joint.body_a} – {joint.body_b}" + (
+                    f", {1e6 * loose:.0f} µm loose" if loose else ""
+                )
                 _part(f"joint:{joint.id}", joint.id, told)
         tag("h3", "Bodies")
         with tag("ul", look="parts"):

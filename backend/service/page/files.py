@@ -20,7 +20,16 @@ from backend.service.service import Service
 from backend.service.things import file_of, files_of, find_thing, media_type
 
 ROOMS: dict[str, Kind] = {"mechanisms": "mechanism", "studies": "study", "videos": "video"}
-SHOWN = ("application/json", "text/csv", "image/png", "video/mp4", "video/webm", "video/quicktime", "model/stl", "text/plain")
+SHOWN = (
+    "application/json",
+    "text/csv",
+    "image/png",
+    "video/mp4",
+    "video/webm",
+    "video/quicktime",
+    "model/stl",
+    "text/plain",
+)
 PAGES = "sandbox allow-scripts"  # a report's own script may draw, and reach nothing of this site
 
 

@@ -34,8 +34,8 @@ def home(service: Service, owner: str) -> None:
             tag("h1", "Why does the real one differ from the drawing?")
             tag(
                 "p",
-                "Bring a mechanism, film it, and see where its motion leaves the drawing, which effect is missing and how "
-                "surely that is known.",
+                "Bring a mechanism, film it, and see where its motion leaves the drawing, which effect is missing and "
+                "how surely that is known.",
                 "lead soft",
             )
         if studied.rows:
@@ -47,7 +47,12 @@ def home(service: Service, owner: str) -> None:
             tag("h2", "Mechanisms")
             with tag("div", look="cards"):
                 for thing in own.rows:
-                    _card(thing, f"/mechanisms/{thing.id}", _parts(thing.summary), load_mechanism(service, owner, thing.id))
+                    _card(
+                        thing,
+                        f"/mechanisms/{thing.id}",
+                        _parts(thing.summary),
+                        load_mechanism(service, owner, thing.id),
+                    )
         if own.rows or studied.rows:
             _bring(service, owner, True)
             _samples(service, owner)
@@ -66,8 +71,8 @@ def _bring(service: Service, owner: str, primary: bool) -> None:
     drop_zone(
         service,
         "Drop mechanism.json and its meshes here",
-        "As linktwin export or the Fusion add-in wrote them: the files together, or one zip of the folder. A study.json "
-        "with its tables is taken too.",
+        "As linktwin export or the Fusion add-in wrote them: the files together, or one zip of the folder. A "
+        "study.json with its tables is taken too.",
         ".json,.stl,.zip,.csv,.parquet,.mp4,.mov",
         taken,
         primary=primary,
@@ -94,13 +99,15 @@ def _card(thing: Thing, address: str, words: str, mechanism: Any = None) -> None
 def _sample(service: Service, owner: str, sample: Sample, said: Any) -> None:
     async def open_it() -> None:
         said.clear()
-        with said, empty(f"Fetching {sample.title} …", "The first time CadQuery draws its meshes, which takes some seconds."):
-            with tag("div", look="gauge busy", role="progressbar", style="width: 60%"):
-                tag("i")
+        with said, empty(f"Fetching {sample.title} …", "The first time CadQuery draws its meshes: some seconds."):
+            gauge = tag("div", look="gauge busy", role="progressbar", style="width: 60%")
+        with gauge:
+            tag("i")
         try:
             thing = await store_sample(service, owner, sample.name)
         except Problem as problem:
-            return tell(problem, said)
+            tell(problem, said)
+            return
         ui.navigate.to(f"/{'studies' if thing.kind == 'study' else 'mechanisms'}/{thing.id}")
 
     card = tag("button", look="card", type="button", data_sample=sample.name).on("click", open_it)
@@ -110,7 +117,11 @@ def _sample(service: Service, owner: str, sample: Sample, said: Any) -> None:
             tag("b", sample.title)
             tag("span", sample.words)
             if sample.measured:
-                tag("span", f"with {sample.measured} measured runs: begin here", style="color: var(--after); font-weight: 600")
+                tag(
+                    "span",
+                    f"with {sample.measured} measured runs: begin here",
+                    style="color: var(--after); font-weight: 600",
+                )
 
 
 def _parts(summary: dict[str, Any]) -> str:
@@ -147,5 +158,3 @@ def _store(service: Service, owner: str, files: Mapping[str, Path]) -> Thing:
 def _placed(name: str) -> str:
     """A browser sends names without folders; exporters put meshes into meshes/."""
     return f"meshes/{name}" if name.lower().endswith((".stl", ".ply", ".obj", ".glb")) else name
-
-

@@ -25,6 +25,16 @@ from backend.service.service import Service
 from backend.service.things import file_of, files_of
 
 EVERY_S = 0.5
+SHOW_LINK = """() => setTimeout(() => {
+  const link = document.getElementById("share-link");
+  link.value = location.origin + link.dataset.path; link.select();
+}, 150)"""
+COPY_LINK = """(event) => {
+  const link = document.getElementById("share-link");
+  link.select();
+  const copied = navigator.clipboard ? navigator.clipboard.writeText(link.value) : document.execCommand("copy");
+  Promise.resolve(copied).then(() => { event.target.textContent = "Copied"; });
+}"""
 PROMISE = {
     "track": "Every dot is followed through the clip; a few minutes for a long one.",
     "fit": "The motion is simulated again and again until it fits what was measured.",
@@ -79,7 +89,9 @@ def _running(service: Service, owner: str, job: Job, name: str) -> None:
     said = tag("div", aria_live="polite")
     with tag("div", look="panel", style="max-width: 720px"):
         words = tag("h3", "Waiting for a worker …", "words", role="status")
-        gauge = tag("div", look="gauge busy", role="progressbar", aria_valuemin="0", aria_valuemax="100", aria_label="Progress")
+        gauge = tag(
+            "div", look="gauge busy", role="progressbar", aria_valuemin="0", aria_valuemax="100", aria_label="Progress"
+        )
         with gauge:
             bar = tag("i")
         times = tag("p", "Asked " + ago(job.created), "note")
@@ -89,7 +101,8 @@ def _running(service: Service, owner: str, job: Job, name: str) -> None:
         now = await asyncio.to_thread(find_job, service, owner, job.id)
         if now.state in FINISHED:
             clock.cancel()
-            return ui.navigate.reload()
+            ui.navigate.reload()
+            return
         told = progress_of(now)
         if now.state == "running":
             words.set_text(told.words[:1].upper() + told.words[1:] or "Starting")  # type: ignore[attr-defined]
@@ -143,13 +156,14 @@ def _show(service: Service, job: Job, there: set[str], base: str, shared: str) -
     if job.kind == "track":
         if "tracks.csv" in there:
             results.tracking(service, job, base, None if shared else f"{ROOT}/files/videos/{job.request['video']}/")
-        return None
+        return
     pictures = sorted(path for path in there if path.rpartition("/")[2] == "pictures.json")
     if "report.json" not in there:
-        return None
+        return
     report = json.loads(service.storage.read(file_of(service, job.id, "report.json").key))
     if not pictures:
-        return results.written_page(there, base)
+        results.written_page(there, base)
+        return
     drawn = _stage(service, job, shared)
     with Timeline():
         for path in pictures:
@@ -184,16 +198,14 @@ def _share(service: Service, job: Job) -> None:
 
     press = button("Share", show)
     with box:
-        address = tag("input", look="in", readonly=True, aria_label="Link to this result", id="share-link",
-                      data_path=f"{ROOT}/shared/{job.id}/{share_token(service, job.id)}")  # fmt: skip
+        tag(
+            "input", look="in", readonly=True, aria_label="Link to this result", id="share-link",
+            data_path=f"{ROOT}/shared/{job.id}/{share_token(service, job.id)}",
+            title="Whoever has the link can read and download this result, and nothing else",
+        )  # fmt: skip
         copy = button("Copy link")
-    fill = "(() => { const i = document.getElementById('share-link'); i.value = location.origin + i.dataset.path; i.select(); return i; })()"
-    press.on("click", js_handler=f"() => setTimeout(() => {fill}, 150)")
-    copy.on(
-        "click",
-        js_handler=f"(e) => {{ const i = {fill}; (navigator.clipboard ? navigator.clipboard.writeText(i.value) : Promise.resolve(document.execCommand('copy'))).then(() => {{ e.target.textContent = 'Copied'; }}); }}",
-    )
-    address.props["title"] = "Whoever has the link can read and download this result, and nothing else"
+    press.on("click", js_handler=SHOW_LINK)
+    copy.on("click", js_handler=COPY_LINK)
 
 
 def _forget(service: Service, job: Job) -> None:
@@ -205,8 +217,8 @@ def _forget(service: Service, job: Job) -> None:
             try:
                 delete_job(service, job.owner, job.id)
             except Problem as problem:
-                return tell(problem, said)
+                tell(problem, said)
+                return
             ui.navigate.to("/work")
 
         button("Delete it and its files", gone, "act danger")
-

@@ -24,6 +24,12 @@ from backend.service.service import Service
 from backend.service.things import find_thing
 from backend.service.videos import store_video
 
+FILM = "Film every run from the drawn pose, let go after a moment of stillness, and keep a run or two aside to test on."
+UNMARKED = (
+    "The drawing names no markers, so a tracker would not know what to follow. Add markers where the dots are glued, "
+    "export again, and bring the drawing anew. Joint encoders need no markers."
+)
+
 
 @page("/mechanisms/{id}")
 def mechanism_view(service: Service, owner: str, id: str) -> None:
@@ -45,7 +51,9 @@ def mechanism_view(service: Service, owner: str, id: str) -> None:
                 beside = tag("div", look="panel", aria_live="polite", aria_busy="true")
                 with beside:
                     tag("p", "Counting loops and freedoms …", "note")
-            with tag("div", look="split", style="grid-template-columns: repeat(auto-fit, minmax(min(100%, 380px), 1fr))"):
+            with tag(
+                "div", look="split", style="grid-template-columns: repeat(auto-fit, minmax(min(100%, 380px), 1fr))"
+            ):
                 parts(mechanism)
                 _ask(service, owner, id)
         jobs = [job for job in list_jobs(service, owner, 100).rows if job.request.get("mechanism") == id]
@@ -60,7 +68,8 @@ def mechanism_view(service: Service, owner: str, id: str) -> None:
                 try:
                     delete_mechanism(service, owner, id)
                 except Problem as problem:
-                    return tell(problem, said)
+                    tell(problem, said)
+                    return
                 ui.navigate.to("/")
 
             button("Delete it and its meshes", gone, "act danger")
@@ -74,7 +83,15 @@ def _ask(service: Service, owner: str, id: str) -> None:
         tag("h3", "Ask the drawing")
         tag("p", "Let go from the drawn pose, under gravity and the effects it lists.", "note")
         with tag("div", look="fields"):
-            field("how long [s]", "1", lambda text: given.update(duration=text), "number", min="0.01", max="60", step="0.1")
+            field(
+                "how long [s]",
+                "1",
+                lambda text: given.update(duration=text),
+                "number",
+                min="0.01",
+                max="60",
+                step="0.1",
+            )
         said = tag("div", aria_live="polite")
 
         def start(kind: str) -> None:
@@ -84,11 +101,13 @@ def _ask(service: Service, owner: str, id: str) -> None:
                 request = (JamRequest if kind == "jam" else SimulateRequest).model_validate(asked)
                 job = start_job(service, owner, request)
             except Problem as problem:
-                return tell(problem, said)
+                tell(problem, said)
+                return
             except ValueError:
                 said.clear()
                 with said:
-                    return notice(("Give the duration in seconds, above 0 and up to 3600.",), "bad")
+                    notice(("Give the duration in seconds, above 0 and up to 3600.",), "bad")
+                    return
             ui.navigate.to(f"/jobs/{job.id}")
 
         with tag("div", look="actions"):
@@ -102,24 +121,17 @@ def measure_view(service: Service, owner: str, id: str) -> None:
     thing = find_thing(service, owner, "mechanism", id)
     mechanism = load_mechanism(service, owner, id)
     tracked = [
-        job
-        for job in list_jobs(service, owner, 100).rows
-        if job.kind == "track" and job.request.get("mechanism") == id
+        job for job in list_jobs(service, owner, 100).rows if job.kind == "track" and job.request.get("mechanism") == id
     ]
     with view("Measure", [("Mechanisms", "/"), (thing.name, f"/mechanisms/{id}")], now="/"):
         with tag("div", look="headline"):
             with tag("div"):
                 tag("h1", f"Measure {thing.name}")
-                tag("p", "Film every run from the drawn pose, let go after a moment of stillness, and keep a run or two aside "
-                    "to test on.", "soft")  # fmt: skip
+                tag("p", FILM, "soft")
             if any(job.state == "succeeded" for job in tracked):
                 link("Make a study of the runs", f"/mechanisms/{id}/study", "act primary")
         if not mechanism.markers:
-            notice(
-                ("The drawing names no markers, so a tracker would not know what to follow. Add markers where the dots are "
-                 "glued, export again, and bring the drawing anew. Joint encoders need no markers.",),
-                "warn",
-            )  # fmt: skip
+            notice((UNMARKED,), "warn")
         tag("h2", "A clip")
 
         async def film(files: Mapping[str, Path]) -> None:

@@ -18,7 +18,13 @@ from backend.service.service import Service
 from backend.service.things import file_of, files_of
 
 Told = Mapping[str, Any]
-BADGES = {"none": "none", "identified": "", "ambiguous": "ambiguous", "approximate": "approximate", "unknown": "unknown"}
+BADGES = {
+    "none": "none",
+    "identified": "",
+    "ambiguous": "ambiguous",
+    "approximate": "approximate",
+    "unknown": "unknown",
+}
 
 
 def _stage(drawn: Drawn | None, told: Told, address: str, title: str, **rest: Any) -> None:
@@ -45,7 +51,11 @@ def jam(report: Told, told: Told, drawn: Drawn | None, address: str) -> None:
     onset = report.get("onset_s") if report.get("jammed") else None
     heat = {at: 1.0 for at in report.get("at", ())} if report.get("jammed") else {}
     _stage(drawn, told, address, "Joint forces along the motion", heat=heat, start_s=onset)
-    tag("p", "Arrows: what each joint puts on its body B; the longest is the strongest force but for rare blows.", "note")
+    tag(
+        "p",
+        "Arrows: what each joint puts on its body B; the longest is the strongest force but for rare blows.",
+        "note",
+    )
     _charts(told)
 
 
@@ -200,7 +210,11 @@ def _parameter(p: Told) -> None:
     unit, factor = prefixed(abs(p["value"]) or (p["sd"] or 0.0), p["unit"])
     sd = None if p["sd"] is None else factor * p["sd"]
     low, high = p["ci95"] or (None, None)
-    span = f"{shown(factor * low, 4)} … {shown(factor * high, 4)}" if low is not None and high is not None else "not bounded"
+    span = (
+        f"{shown(factor * low, 4)} … {shown(factor * high, 4)}"
+        if low is not None and high is not None
+        else "not bounded"
+    )
     with tag("tr"):
         tag("td", p["kind"].replace("_", " ") + f" at {on}", "name")
         tag("td", p["parameter"])

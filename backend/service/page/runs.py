@@ -43,8 +43,8 @@ def kind_of(path: Path, name: str) -> Table:
         return "inputs"
     raise Problem(
         "invalid",
-        f"{name}: its columns ({', '.join(sorted(head)[:12]) or 'none'}) are neither tracks (time_s, marker, x_m, y_m, z_m) "
-        "nor encoders (time_s, joint, q). linktwin convert turns other tools' files into tracks.",
+        f"{name}: its columns ({', '.join(sorted(head)[:12]) or 'none'}) are neither tracks (time_s, marker, x_m, y_m, "
+        "z_m) nor encoders (time_s, joint, q). linktwin convert turns other tools' files into tracks.",
     )
 
 

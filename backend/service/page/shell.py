@@ -23,10 +23,14 @@ MARK = (
     '<circle cx="6" cy="25" r="3"/><circle cx="11" cy="9" r="3"/><circle cx="25" cy="7" r="3"/>'
     '<circle cx="26" cy="25" r="3"/></svg>'
 )
-SCHEME = """<script>(() => { const kept = localStorage.getItem("linktwin scheme");
-  window.linktwinScheme = (next) => { localStorage.setItem("linktwin scheme", next); Quasar.Dark.set(next === "dark"); };
-  if (kept) document.addEventListener("DOMContentLoaded", () => { const wait = () => window.Quasar && document.body.classList.length
-    ? Quasar.Dark.set(kept === "dark") : setTimeout(wait, 20); wait(); }); })();</script>"""
+SCHEME = """<script>(() => {
+  const name = "linktwin scheme", kept = localStorage.getItem(name);
+  window.linktwinScheme = (next) => { localStorage.setItem(name, next); Quasar.Dark.set(next === "dark"); };
+  const ready = () => window.Quasar && document.body.classList.length;
+  const apply = () => ready() ? Quasar.Dark.set(kept === "dark") : setTimeout(apply, 20);
+  if (kept) document.addEventListener("DOMContentLoaded", apply);
+})();</script>"""
+SWITCH = "() => linktwinScheme(document.body.classList.contains('body--dark') ? 'light' : 'dark')"
 FIGURES = Path(__file__).parents[2] / "report" / "templates" / "figures.css"
 STYLE = Path(__file__).parent / "style.css"
 
@@ -52,7 +56,7 @@ def view(title: str, trail: Sequence[tuple[str, str]] = (), now: str = "") -> It
             for name, address in (("Mechanisms", "/"), ("Work", "/work")):
                 link(name, address, aria_current="page" if now == address else None)
             dark = button("Light / dark", None, "quiet", aria_label="Switch between light and dark")
-            dark.on("click", js_handler="() => linktwinScheme(document.body.classList.contains('body--dark') ? 'light' : 'dark')")
+            dark.on("click", js_handler=SWITCH)
     with tag("main", look="page", id="content"):
         if trail:
             with tag("nav", look="trail", aria_label="Where you are"):
@@ -94,10 +98,14 @@ def page(path: str, open_to_all: bool = False) -> Callable[[Callable[..., Any]],
 def sorry(problem: Problem) -> None:
     """A view for what cannot be shown."""
     if problem.kind == "no-key":
-        return sign_in(problem)
+        sign_in(problem)
+        return
     with view("Not here"):
         tag("h1", "This cannot be shown", style="margin-top: 28px")
-        with empty("It was deleted, it is not yours, or the address is not complete", problem.detail), tag("div", look="actions"):
+        with (
+            empty("It was deleted, it is not yours, or the address is not complete", problem.detail),
+            tag("div", look="actions"),
+        ):
             link("To your mechanisms", "/", "act primary")
 
 
@@ -109,7 +117,7 @@ def sign_in(problem: Problem) -> None:
         with tag("form", look="panel", method="post", action=f"{ROOT}/sign-in", style="max-width: 460px"):
             with tag("label", look="field"):
                 tag("span", "API key")
-                tag("input", look="in", type="password", name="key", autocomplete="current-password", required=True)
+                tag("input", look="in", type="password", name_="key", autocomplete="current-password", required=True)
             with tag("div", look="actions", style="margin-top: 12px"):
                 tag("button", "Sign in", "act primary", type="submit")
 

@@ -22,9 +22,9 @@ Drawn = dict[str, Any]
 class StageView(Element, component="stage.js", esm={"linktwin-page": str(BROWSER)}):
     """A mechanism on stage.
 
-    drawn: from `on_stage`. replay: address of a pictures.json, whose motions are fetched once and played by the browser.
-    heat: `joint:ID`, `body:ID` or `marker:ID` -> how much it is to stand out, from 0 to 1. calm: one colour for all
-    bodies. start_s: time at which the first motion is shown before it is played.
+    drawn: from `on_stage`. replay: address of a pictures.json, whose motions are fetched once and played by the
+    browser. heat: `joint:ID`, `body:ID` or `marker:ID` -> how much it is to stand out, from 0 to 1. calm: one colour
+    for all bodies. start_s: time at which the first motion is shown before it is played.
     """
 
     def __init__(
@@ -38,9 +38,8 @@ class StageView(Element, component="stage.js", esm={"linktwin-page": str(BROWSER
         start_s: float | None = None,
     ) -> None:
         super().__init__()
-        given = {
-            "drawn": drawn, "title": title, "replay": replay, "heat": dict(heat or {}), "calm": calm, "start_s": start_s,
-        }  # fmt: skip
+        warm = dict(heat or {})
+        given = {"drawn": drawn, "title": title, "replay": replay, "heat": warm, "calm": calm, "start_s": start_s}
         for name, value in given.items():
             if value is not None:
                 self._props[name] = value

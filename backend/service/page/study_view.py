@@ -46,7 +46,13 @@ def study_view(service: Service, owner: str, id: str) -> None:
     thing = find_thing(service, owner, "study", id)
     file, mechanism = read_stored_study(service, id)
     folder = file.mechanism.rpartition("/")[0]
-    asked: dict[str, Any] = {"tolerance": "", "without": "", "free": ["coulomb_friction:*"], "more": "", "loss": "linear"}
+    asked: dict[str, Any] = {
+        "tolerance": "",
+        "without": "",
+        "free": ["coulomb_friction:*"],
+        "more": "",
+        "loss": "linear",
+    }
     with view(thing.name, [("Mechanisms", "/")], now="/"):
         with tag("div", look="headline"):
             with tag("div"):
@@ -65,7 +71,11 @@ def study_view(service: Service, owner: str, id: str) -> None:
         tag("h2", "Runs")
         _runs(file)
         tag("h2", "Ask more")
-        with tag("div", look="split", style="grid-template-columns: repeat(auto-fit, minmax(min(100%, 320px), 1fr)); margin: 0"):
+        with tag(
+            "div",
+            look="split",
+            style="grid-template-columns: repeat(auto-fit, minmax(min(100%, 320px), 1fr)); margin: 0",
+        ):
             with tag("div", look="panel"):
                 tag("h3", "Fit what you suspect")
                 tag("p", "Values of effects that the drawing leaves out, with their intervals.", "note")
@@ -80,7 +90,14 @@ def study_view(service: Service, owner: str, id: str) -> None:
                 button("Fit", lambda: start("fit"))
             with tag("div", look="panel"):
                 tag("h3", "Diagnose, with limits")
-                field("differences you do not mind [mm]", "", lambda t: asked.update(tolerance=t), "number", min="0", step="any")
+                field(
+                    "differences you do not mind [mm]",
+                    "",
+                    lambda t: asked.update(tolerance=t),
+                    "number",
+                    min="0",
+                    step="any",
+                )
                 field("effects that cannot be, comma separated", "", lambda t: asked.update(without=t), list="kinds")
                 with tag("datalist", id="kinds"):
                     for kind in effect_kinds():
@@ -95,12 +112,13 @@ def study_view(service: Service, owner: str, id: str) -> None:
             try:
                 job = start_job(service, owner, _request(kind, id, asked))
             except Problem as problem:
-                return tell(problem, said)
+                tell(problem, said)
+                return
             except ValueError as error:
                 said.clear()
                 with said:
                     notice((str(error),), "bad")
-                return None
+                return
             ui.navigate.to(f"/jobs/{job.id}")
 
         jobs = [job for job in list_jobs(service, owner, 100).rows if job.request.get("study") == id]
@@ -115,7 +133,8 @@ def study_view(service: Service, owner: str, id: str) -> None:
                 try:
                     delete_thing(service, owner, "study", id)
                 except Problem as problem:
-                    return tell(problem, trouble)
+                    tell(problem, trouble)
+                    return
                 ui.navigate.to("/")
 
             button("Delete it and its tables", gone, "act danger")

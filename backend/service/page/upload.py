@@ -46,13 +46,17 @@ def drop_zone(
             notice((f"Only {accept.replace(',', ', ')} of up to {limit // 2**20} MB are taken here.",), "bad")
 
     limit = service.settings.largest_video if ".mp4" in accept else service.settings.largest_archive
-    upload = ui.upload(multiple=many, on_multi_upload=arrived, on_rejected=refused, max_file_size=limit, auto_upload=True)
+    upload = ui.upload(
+        multiple=many, on_multi_upload=arrived, on_rejected=refused, max_file_size=limit, auto_upload=True
+    )
     upload.props(f'accept="{accept}" batch').classes("hidden-upload")
     box = tag("div", look="empty drop")
     with box:
         tag("b", title)
         tag("p", sentence)
-        press = tag("button", "Choose files" if many else "Choose a file", "act primary" if primary else "act", type="button")
+        press = tag(
+            "button", "Choose files" if many else "Choose a file", "act primary" if primary else "act", type="button"
+        )
         progress = tag("div", look="gauge", role="progressbar", aria_label="Upload", style="width: 60%; display: none")
         with progress:
             tag("i")
@@ -63,7 +67,8 @@ def drop_zone(
     box.on("dragleave", js_handler="(e) => e.currentTarget.classList.remove('over')")
     box.on(
         "drop",
-        js_handler=f"(e) => {{ e.preventDefault(); e.currentTarget.classList.remove('over'); {inner}.addFiles([...e.dataTransfer.files]); }}",
+        js_handler=f"(e) => {{ e.preventDefault(); e.currentTarget.classList.remove('over'); "
+        f"{inner}.addFiles([...e.dataTransfer.files]); }}",
     )
     upload.on("uploading", js_handler=f"() => {{ {bar}.style.display = 'block'; {bar}.classList.add('busy'); }}")
     upload.on("finish", js_handler=f"() => {{ {bar}.style.display = 'none'; }}")

@@ -32,7 +32,9 @@ def work_view(service: Service, owner: str) -> None:
         if jobs:
             work_table(jobs)
             return
-        with empty("Nothing was asked yet", "Open a mechanism and ask whether it jams, or open a study and diagnose it."):
+        with empty(
+            "Nothing was asked yet", "Open a mechanism and ask whether it jams, or open a study and diagnose it."
+        ):
             link("To the mechanisms", "/", "act primary")
 
 
