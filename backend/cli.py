@@ -23,6 +23,7 @@ from backend.commands.jam import jam
 from backend.commands.kit import kit
 from backend.commands.serve import key, serve
 from backend.commands.simulate import simulate
+from backend.commands.still import still
 from backend.commands.track import track
 from backend.commands.twin import twin
 
@@ -36,7 +37,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 for command in (
-    demo, export, check, simulate, kit, calibrate, track, convert, fit, diagnose, twin, jam, blind, serve, key,
+    demo, export, check, simulate, kit, calibrate, still, track, convert, fit, diagnose, twin, jam, blind, serve, key,
 ):  # fmt: skip
     app.command()(command)
 

@@ -36,6 +36,8 @@ def diagnose(
         from backend.mechanism.read import read_study
         from backend.report.gap_page import write_gap_page
         from backend.report.gap_summary import gap_evidence, gap_text
+        from backend.report.linked import gap_pictures
+        from backend.report.pictures import write_pictures
 
         for kind in kinds:
             kind_named(kind)
@@ -56,7 +58,9 @@ def diagnose(
             found = replace(found, report=said)
         written = folder / "gap.json"
         written.write_text(found.report.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        page = write_gap_page(gap_evidence(loaded, found), folder / "gap.html")
+        evidence = gap_evidence(loaded, found)
+        page = write_gap_page(evidence, folder / "gap.html")
+        write_pictures(gap_pictures(evidence), folder / "pictures.json")
         text = f"{gap_text(found.report)}\nwrote     {written}\nopen      {page}"
         answer(found.report.model_dump(mode="json"), text)
         if stopped():

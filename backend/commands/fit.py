@@ -43,6 +43,8 @@ def fit(
         from backend.mechanism.read import read_study
         from backend.report.fit_page import write_fit_page
         from backend.report.fit_summary import fit_evidence, fit_text
+        from backend.report.linked import fit_pictures
+        from backend.report.pictures import write_pictures
 
         loaded = read_study(study)
         folder = folder_for(out, loaded.mechanism.name)
@@ -56,7 +58,9 @@ def fit(
                 checkpoint=kept, resume=resume, progress=advance, cancelled=stopped,
             )  # fmt: skip
         written = result.write(folder)
-        page = write_fit_page(fit_evidence(loaded, result), folder / "fit.html")
+        evidence = fit_evidence(loaded, result)
+        page = write_fit_page(evidence, folder / "fit.html")
+        write_pictures(fit_pictures(evidence), folder / "pictures.json")
         text = f"{fit_text(result.report)}\nwrote     {written}\nopen      {page}"
         answer(result.report.model_dump(mode="json"), text)
         if not result.report.converged:

@@ -42,6 +42,8 @@ def jam(
         from backend.mechanism.read import is_study, read_mechanism, read_study
         from backend.report.jam_page import write_jam_page
         from backend.report.jam_summary import jam_evidence, jam_text
+        from backend.report.linked import jam_pictures
+        from backend.report.pictures import write_pictures
 
         many = is_study(file)
         study = read_study(file) if many else None
@@ -61,7 +63,9 @@ def jam(
             place = folder / re.sub(r"[^\w.-]+", "_", experiment).lstrip(".") if experiment else folder
             reports[experiment] = one.report.model_dump(mode="json")
             write_json(reports[experiment], place / "jam.json")
-            page = write_jam_page(jam_evidence(one), place / "jam.html")
+            evidence = jam_evidence(one)
+            page = write_jam_page(evidence, place / "jam.html")
+            write_pictures(jam_pictures(evidence), place / "pictures.json")
             named = f"{experiment}: " if experiment else ""
             said.append(f"{named}{jam_text(one)}\nwrote       {place / 'jam.json'}\nopen        {page}")
         answer({"experiments": reports} if study else reports[""], "\n".join(said))

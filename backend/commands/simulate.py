@@ -27,6 +27,8 @@ def simulate(
     with answering(as_json) as answer:
         from backend.mechanism.read import read_mechanism
         from backend.report.forces_page import peak_table, write_forces_page
+        from backend.report.linked import simulation_pictures
+        from backend.report.pictures import write_pictures
         from backend.report.run_summary import simulation_evidence, summary_json, summary_text
         from backend.report.simulation_page import write_simulation_page
 
@@ -44,6 +46,7 @@ def simulate(
         forces, ranked = write_forces(run, loads, folder / "forces.csv"), strongest(loads)
         evidence = simulation_evidence(drawn, run, forces_page="forces.html")
         page = write_simulation_page(evidence, folder / "simulation.html")
+        write_pictures(simulation_pictures(evidence), folder / "pictures.json")
         told = write_forces_page(
             evidence.mechanism, evidence.motion, ranked, folder / "forces.html",
             table=forces.name, result=run.result, solve=run.solve,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 
+from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Video, read_index
 
 
@@ -20,3 +21,14 @@ def stills(clip: str | Path, parts: Sequence[float], width_px: int = 640) -> tup
             _, png = cv2.imencode(".png", frame.bgr(width_px))
             found.append((frame.time_s, png.tobytes()))
     return tuple(found)
+
+
+def still(clip: str | Path, part: float) -> tuple[float, bytes, tuple[int, int]]:
+    """Time [s], PNG bytes, width and height [px] of the frame at this part of a clip; no frame after it is decoded."""
+    wanted = round(part * (len(read_index(clip).times_s) - 1))
+    for frame in Video(clip):
+        if frame.index == wanted:
+            picture = frame.bgr()
+            _, png = cv2.imencode(".png", picture)
+            return frame.time_s, png.tobytes(), (picture.shape[1], picture.shape[0])
+    raise TrackingError(f"{Path(clip).name}: frame {wanted} cannot be decoded. Copy the clip again.")

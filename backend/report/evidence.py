@@ -131,7 +131,7 @@ class GapEvidence:
 
     pose: one instant, at the release of the first fitted experiment. missing: at joint `missing_at`, in `missing_unit`,
     one an experiment. channels: of one experiment, after: with the best cause; set_aside: how many of its samples were
-    found to be wrong and are left out.
+    found to be wrong and are left out. overlays: motions to be played back, after: with the best cause.
     """
 
     mechanism: Mechanism
@@ -142,6 +142,7 @@ class GapEvidence:
     missing_unit: str = "N m"
     channels: tuple[Channel, ...] = ()
     set_aside: int = 0
+    overlays: tuple[Overlay, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -17,15 +17,27 @@ from backend.simulate.run import as_run
 
 if TYPE_CHECKING:
     from backend.fit.result import FitResult
+    from backend.fit.run import Run
 
 
 def fitted_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motion:
     """Poses of the moving bodies in the index-th fitted experiment, at the fitted values; time as in its data."""
     run, residuals, x = result.residuals.runs[index], result.residuals, result.solution.x
-    setting = run.setting
-    own = residuals.own(x, index)
-    rates = own[run.mobility :] if run.moving else np.zeros(run.mobility)
     values = run.every(x[: len(residuals.parameters)])
+    return motion_under(run, values, residuals.own(x, index), moving)
+
+
+def drawn_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motion:
+    """The same with every value as it was drawn, from where the data say that it starts."""
+    run, residuals = result.residuals.runs[index], result.residuals
+    drawn = np.array([p.start for p in residuals.parameters])
+    return motion_under(run, run.every(drawn), run.settle(drawn), moving)
+
+
+def motion_under(run: Run, values: np.ndarray, own: np.ndarray, moving: Sequence[str]) -> Motion:
+    """Poses of the named bodies in one experiment; values: at every free address; own: how it starts."""
+    setting = run.setting
+    rates = own[run.mobility :] if run.moving else np.zeros(run.mobility)
     model = with_values(setting.model, run.addresses, jnp.asarray(values))
     plant = system(model)
     start = begin(setting, model, plant, jnp.asarray(own[: run.mobility]), jnp.asarray(rates))

@@ -60,13 +60,13 @@ def channels(result: FitResult) -> tuple[Channel, ...]:
 
 def overlays(study: Study, result: FitResult) -> tuple[Overlay, ...]:
     """Fitted motions of the first experiments, with the markers that were seen."""
-    from backend.report.fit_motion import fitted_motion
+    from backend.report.fit_motion import drawn_motion, fitted_motion
 
-    made = []
+    made, moving = [], [body.id for body in study.mechanism.moving_bodies()]
     for i, run in enumerate(result.residuals.runs[:MOST_OVERLAYS]):
         seen_time, seen = seen_markers(study, run.experiment.id)
-        motion = fitted_motion(result, i, moving=[body.id for body in study.mechanism.bodies if not body.fixed])
-        made.append(Overlay(run.experiment.id, motion, seen_time_s=seen_time, seen_m=seen))
+        after, before = fitted_motion(result, i, moving), drawn_motion(result, i, moving)
+        made.append(Overlay(run.experiment.id, after, before, seen_time_s=seen_time, seen_m=seen))
     return tuple(made)
 
 
@@ -106,8 +106,15 @@ def seen_markers(study: Study, experiment: str) -> tuple[np.ndarray, dict[str, n
     for marker, rows in tracks.groupby("marker", sort=False):
         table = np.full((len(times), 3), np.nan)
         table[np.searchsorted(times, rows["time_s"].to_numpy(float))] = rows[["x_m", "y_m", "z_m"]].to_numpy(float)
-        # A planar rig's tracks leave the third coordinate empty; any value of it projects alike.
+        # A planar rig's tracks leave the third coordinate empty: it stays what was drawn.
         unmeasured = np.isnan(table).all(axis=0)
-        table[:, unmeasured] = 0.0
+        table[:, unmeasured] = _as_drawn(study, str(marker))[unmeasured]
         seen[str(marker)] = table
     return times, seen
+
+
+def _as_drawn(study: Study, marker: str) -> np.ndarray:
+    """Where a marker is as drawn, in W [m]."""
+    drawn = study.mechanism.marker(marker)
+    body = study.mechanism.body(drawn.body)
+    return np.array(body.pose.position_m) + body.pose.rotation() @ np.array(drawn.position_m)

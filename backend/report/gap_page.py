@@ -50,20 +50,20 @@ def write_gap_page(evidence: GapEvidence, path: str | Path) -> Path:
         badge=badge,
         sentence=report.sentence,
         meaning=meaning,
-        key_figures=_key_figures(report),
+        key_figures=key_figures(report),
         picture=gap_figure(evidence.mechanism, evidence.pose, {p.at: p.probability for p in report.where.locations}),
         places=[Bar(place_name(p.at), p.probability) for p in places],
-        forces=_forces(evidence),
+        forces=missing_forces(evidence),
         force_kind=force_kind(evidence),
         force_at=evidence.missing_at,
         force_trust=_model_free(evidence),
-        causes=list(_causes(report)),
+        causes=list(causes(report)),
         others=sum(c.probability < LEAST for c in report.causes),
         experiment=channels[0].experiment if channels else "",
         set_aside=evidence.set_aside,
         held_out=bool(channels) and channels[0].use == "held_out",
-        motion=[chart for channel in channels for chart in (_overlaid(channel, report), _left(channel, report))],
-        shrink=_shrink(report),
+        motion=[chart for channel in channels for chart in (compared(channel, report), what_is_left(channel, report))],
+        shrink=shrink_figures(report),
         detectable=list(_detectable(report.detectable)),
         following=next_sentence(report.next_experiment),
         warnings_=report.warnings,
@@ -98,7 +98,8 @@ class Explanation(Bar):
     note: str = ""
 
 
-def _causes(report: GapReport) -> Iterator[Explanation]:
+def causes(report: GapReport) -> Iterator[Explanation]:
+    """Explanations worth naming, nothing and something unknown among them, the most probable first."""
     rows = [_explained(c) for c in report.causes[:MOST_CAUSES] if c.probability >= LEAST]
     if report.probability_none >= LEAST:
         rows.append(Explanation("nothing: the drawing is right", report.probability_none))
@@ -118,7 +119,8 @@ def _explained(cause: CauseSet) -> Explanation:
     return Explanation(cause_name(cause), cause.probability, told, alike(cause))
 
 
-def _key_figures(report: GapReport) -> list[tuple[str, str]]:
+def key_figures(report: GapReport) -> list[tuple[str, str]]:
+    """The numbers at the top of the page, each with what it means."""
     figures = [("< 0.1%" if report.p_value < 1e-3 else percent(report.p_value), "chance that noise alone looks so")]
     rest, where = report.shrink.held_out, "unseen experiments"
     if rest is None:
@@ -136,7 +138,7 @@ def _bench(si: str) -> tuple[str, float]:
     return ("mrad", 1e3) if si == "rad" else at_the_bench(si)
 
 
-def _forces(evidence: GapEvidence) -> list[Chart]:
+def missing_forces(evidence: GapEvidence) -> list[Chart]:
     """Missing force against time, one panel an experiment, all on one scale."""
     shown_ = evidence.missing[:MOST_FORCES]
     if not shown_:
@@ -182,14 +184,15 @@ def force_kind(evidence: GapEvidence) -> str:
     return "force" if evidence.missing_unit == "N" else "torque"
 
 
-def _overlaid(channel: Channel, report: GapReport) -> Chart:
+def compared(channel: Channel, report: GapReport) -> Chart:
+    """One coordinate as measured, as drawn and with the best cause."""
     if report.verdict == "none":
         channel = _as_drawn(channel)
         return overlaid(channel, after=DRAWN)
     return overlaid(channel, DRAWN, CORRECTED)
 
 
-def _left(channel: Channel, report: GapReport) -> Chart:
+def what_is_left(channel: Channel, report: GapReport) -> Chart:
     """Measured minus predicted, by both, with what noise alone would leave."""
     unit, factor = _bench(channel.unit)
     t = channel.time_s
@@ -214,7 +217,8 @@ def _as_drawn(channel: Channel) -> Channel:
     )  # fmt: skip
 
 
-def _shrink(report: GapReport) -> list:
+def shrink_figures(report: GapReport) -> list:
+    """The error before and after, of held-out and of fitted experiments, as figures."""
     bars, held = [], report.shrink.held_out
     corrected = report.verdict != "none"
     if held is not None:

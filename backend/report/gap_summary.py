@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study
-from backend.report.evidence import Channel, GapEvidence, Missing, Motion
+from backend.report.evidence import Channel, GapEvidence, Missing, Motion, Overlay
 from backend.report.gap_words import alike, amounts, cause_name, percent, place_name, worst_first
 from backend.report.quantity import at_the_bench, shown
 
@@ -17,7 +18,7 @@ MOST_ALIKE = 4
 
 if TYPE_CHECKING:
     from backend.diagnose.probe import Probe
-    from backend.diagnose.run import Diagnosis
+    from backend.diagnose.run import Cause, Diagnosis
 
 
 def gap_evidence(study: Study, found: Diagnosis) -> GapEvidence:
@@ -33,6 +34,7 @@ def gap_evidence(study: Study, found: Diagnosis) -> GapEvidence:
         missing_unit="N m" if missing is None else missing.unit,
         channels=channels,
         set_aside=sum(int(np.isnan(c.measured).sum()) for c in channels),
+        overlays=_overlays(study, found, channels[0].experiment if channels else ""),
     )
 
 
@@ -67,6 +69,34 @@ def gap_text(report: GapReport) -> str:
         lines.append(f"next      {report.next_experiment.do}")
     lines += [f"warning: {sentence}" for sentence in report.warnings]
     return "\n".join(lines)
+
+
+def _overlays(study: Study, found: Diagnosis, worst: str) -> tuple[Overlay, ...]:
+    """The experiment that is charted, played back as drawn and with the best cause, and the first fitted one."""
+    from backend.report.fit_motion import motion_under
+    from backend.report.fit_summary import seen_markers
+
+    moving = [body.id for body in study.mechanism.moving_bodies()]
+
+    def played(cause: Cause, probe: Probe, own: Float[np.ndarray, " own"]) -> Motion:
+        return motion_under(probe, probe.every(cause.fitted.values), own, moving)
+
+    made: dict[str, Overlay] = {}
+    for drawn, best in zip(found.before, found.after, strict=True):
+        if best.probe.experiment.id == worst:
+            motions = [
+                played(cause, test.probe, test.probe.settle(cause.fitted.values))
+                for cause, test in ((found.best, best), (found.baseline, drawn))
+            ]
+            made[worst] = Overlay(worst, motions[0], motions[1])
+    for i, probe in enumerate(found.subject.fit):
+        if probe.experiment.id == worst or i == 0:
+            motions = [played(c, c.fitted.whole[i], c.fitted.own(i)) for c in (found.best, found.baseline)]
+            made[probe.experiment.id] = Overlay(probe.experiment.id, motions[0], motions[1])
+    if found.report.verdict == "none":
+        made = {name: replace(overlay, before=None) for name, overlay in made.items()}
+    seen = {name: seen_markers(study, name) for name in made}
+    return tuple(replace(made[name], seen_time_s=seen[name][0], seen_m=seen[name][1]) for name in made)
 
 
 def _held_out(found: Diagnosis) -> list[list[Channel]]:

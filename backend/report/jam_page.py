@@ -30,25 +30,27 @@ def write_jam_page(evidence: JamEvidence, path: str | Path) -> Path:
         path,
         title=evidence.mechanism.name + (f", {report.experiment}" if report.experiment else ""),
         sentence=report.sentence,
-        cautions=_cautions(report),
-        key_figures=_key_figures(report),
+        cautions=cautions(report),
+        key_figures=key_figures(report),
         pose=pose_figure(evidence.mechanism, motion, onset, report.at, when),
         mechanism=evidence.mechanism,
         overlay=Overlay(evidence.mechanism.name, motion),
-        indicators=_indicators(report),
-        reactions=_reactions(report),
+        indicators=indicators(report),
+        reactions=reactions(report),
         left_out=len(report.reactions) > MOST_JOINTS,
     )
 
 
-def _cautions(report: JamReport) -> list[str]:
+def cautions(report: JamReport) -> list[str]:
+    """What to keep in mind when reading the report."""
     said = [] if report.result == "done" else [report.result]
     if report.cause == "singularity" and report.onset_s == 0.0 and max(report.creep_ratio) > HOLDS:
         said.append("It starts at an exact dead centre: what moves later grew from rounding errors and means nothing.")
     return said
 
 
-def _key_figures(report: JamReport) -> list[tuple[str, str]]:
+def key_figures(report: JamReport) -> list[tuple[str, str]]:
+    """The numbers at the top of the page, each with what it means."""
     margin = report.margin
     jammed = ("jammed" if report.jammed else "not jammed", report.cause.replace("_", " "))
     onset = (f"{shown(report.onset_s, 4)} s" if report.onset_s is not None else "never", "at rest since")
@@ -62,7 +64,8 @@ def _key_figures(report: JamReport) -> list[tuple[str, str]]:
     return known
 
 
-def _indicators(report: JamReport) -> list[Chart]:
+def indicators(report: JamReport) -> list[Chart]:
+    """What says that it jams or not, over time."""
     t = np.array(report.time_s)
     marks = [(report.onset_s, "rest")] if report.onset_s is not None else []
     creep = np.maximum(report.creep_ratio, 1e-3)
@@ -121,7 +124,8 @@ def _indicators(report: JamReport) -> list[Chart]:
     ]
 
 
-def _reactions(report: JamReport) -> list[Chart]:
+def reactions(report: JamReport) -> list[Chart]:
+    """Forces in the most loaded joints over time."""
     t = np.array(report.time_s)
     sizes = {id: np.linalg.norm(np.array(r.force_on_b_n), axis=-1) for id, r in report.reactions.items()}
     most = sorted(sizes, key=lambda id: -sizes[id].max(initial=0.0))[:MOST_JOINTS]

@@ -32,16 +32,17 @@ def write_simulation_page(evidence: SimulationEvidence, path: str | Path) -> Pat
         ],
         mechanism=evidence.mechanism,
         overlay=Overlay(evidence.mechanism.name, evidence.motion),
-        joints=_joint_charts(evidence),
+        joints=joint_charts(evidence),
         left_out=_left_out(len(evidence.joint_positions)),
         trust=_trust(evidence),
-        checks=_checks(evidence),
+        checks=checks(evidence),
         redundancy=evidence.redundancy,
         forces_page=evidence.forces_page,
     )
 
 
-def _joint_charts(evidence: SimulationEvidence) -> list[Chart]:
+def joint_charts(evidence: SimulationEvidence) -> list[Chart]:
+    """Joint coordinates over time, turning and sliding apart."""
     t, charts = evidence.motion.time_s, []
     for slides, label, factor in ((False, "q [deg]", np.degrees(1.0)), (True, "q [mm]", 1e3)):
         ids = [id for id in evidence.joint_positions if (evidence.mechanism.joint(id).type == "prismatic") == slides]
@@ -73,7 +74,8 @@ def _trust(evidence: SimulationEvidence) -> str:
     return said + "Nothing in the drawing adds or removes energy, so this is the error of the integration."
 
 
-def _checks(evidence: SimulationEvidence) -> list[Chart]:
+def checks(evidence: SimulationEvidence) -> list[Chart]:
+    """Energy and open joints over time: whether the motion can be trusted."""
     t = evidence.motion.time_s
     kinetic, potential = 1e3 * evidence.kinetic_j, 1e3 * (evidence.potential_j - evidence.potential_j[0])
     energy = [

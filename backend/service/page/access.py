@@ -1,0 +1,57 @@
+"""Who looks: the owner of an API key, whoever sits at this machine, or the holder of a link to one result."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import os
+import secrets
+from pathlib import Path
+
+from fastapi import Request
+
+from backend.service.keys import owner_of
+from backend.service.problems import Problem
+from backend.service.records import Job
+from backend.service.service import LOCAL, Service
+
+COOKIE = "linktwin_key"
+SIGNED = 32  # characters of a link's signature: 128 bits
+
+
+def owner_from(service: Service, request: Request) -> str:
+    """The owner whose things are shown; Problem `no-key` where a key is needed and none was given."""
+    if not service.settings.keys_required:
+        return LOCAL
+    text = request.cookies.get(COOKIE)
+    if not text:
+        raise Problem("no-key", "Sign in with your API key; whoever runs the service makes one with linktwin key make.")
+    return owner_of(service.database, text)
+
+
+def share_token(service: Service, job: str) -> str:
+    """What a link needs to show this result to anyone who has the link."""
+    return hmac.new(_secret(service), f"job {job}".encode(), hashlib.sha256).hexdigest()[:SIGNED]
+
+
+def shared_job(service: Service, job: str, token: str) -> Job:
+    """The job behind a shared link; Problem `not-found` where the link was not made here or the job is gone."""
+    if hmac.compare_digest(share_token(service, job).encode(), token.encode()):
+        with service.database.reading() as session:
+            if (found := session.get(Job, job)) is not None:
+                return found
+    raise Problem(
+        "not-found", "This link shows nothing: it was cut short, or the result was deleted. Ask for a new one."
+    )
+
+
+def _secret(service: Service) -> bytes:
+    """Made once, kept beside the records, read by nobody else."""
+    path = Path(service.settings.data_folder).resolve() / "share.key"
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        return path.read_bytes()
+    with os.fdopen(handle, "wb") as file:
+        file.write(made := secrets.token_bytes(32))
+    return made

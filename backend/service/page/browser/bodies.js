@@ -1,0 +1,88 @@
+// Bodies as drawn: their real surfaces with the edges a drawing shows, or bars through the joints where none is known.
+import { STLLoader, THREE } from "nicegui-scene";
+
+const loader = new STLLoader();
+const CREASE = 28; // degrees between two facets from which their common edge is drawn
+const kept = new Map(); // surfaces by address, so that the ghost of the drawing costs no second download
+
+function surface(url, scale) {
+  const key = `${url} ${scale}`;
+  if (!kept.has(key)) {
+    kept.set(key, loader.loadAsync(url).then((geometry) => {
+      geometry.scale(scale, scale, scale);
+      geometry.computeVertexNormals();
+      return { geometry, edges: new THREE.EdgesGeometry(geometry, CREASE) };
+    }));
+  }
+  return kept.get(key);
+}
+
+function bar(a, b, radius) {
+  const along = new THREE.Vector3().subVectors(b, a);
+  const geometry = new THREE.CapsuleGeometry(radius, along.length(), 4, 12);
+  const turn = new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.clone().normalize());
+  geometry.applyQuaternion(turn);
+  geometry.translate(...a.clone().add(b).multiplyScalar(0.5).toArray());
+  return geometry;
+}
+
+// A body without a surface: bars from each of its points to the next along its length.
+function bars(points, radius) {
+  const spots = points.map((p) => new THREE.Vector3(...p));
+  if (!spots.length) return [];
+  if (spots.length === 1) {
+    const ball = new THREE.SphereGeometry(1.6 * radius, 20, 14);
+    ball.translate(...spots[0].toArray());
+    return [ball];
+  }
+  let ends = [spots[0], spots[1]];
+  for (const a of spots) for (const b of spots) if (a.distanceTo(b) > ends[0].distanceTo(ends[1])) ends = [a, b];
+  const along = ends[1].clone().sub(ends[0]);
+  spots.sort((a, b) => a.dot(along) - b.dot(along));
+  return spots.slice(1).map((p, i) => [spots[i], p]).filter(([a, b]) => a.distanceTo(b) > 1e-6).map(([a, b]) => bar(a, b, radius));
+}
+
+export class Look {
+  constructor(opacity = 1) {
+    const clear = opacity < 1;
+    this.opacity = opacity;
+    this.face = new THREE.MeshLambertMaterial({
+      transparent: clear, opacity, depthWrite: !clear, side: THREE.FrontSide,
+      polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1,
+    });
+    this.edge = new THREE.LineBasicMaterial({ transparent: true, opacity: clear ? 0.7 : 0.5 });
+  }
+
+  paint(face, edge) {
+    this.face.color.set(face);
+    this.edge.color.set(edge);
+  }
+
+  lit(on) {
+    this.face.emissive.set(on ? "#7a7a7a" : "#000000");
+    this.face.emissiveIntensity = on ? 0.35 : 0;
+  }
+}
+
+// One body in its own frame; `ready` says whether its real surface was found.
+export function makeBody(body, look, radius, shy = false) {
+  const group = new THREE.Group();
+  const add = (geometry, edges) => {
+    const face = new THREE.Mesh(geometry, look.face);
+    face.userData.part = shy ? null : `body:${body.id}`;
+    group.add(face);
+    if (edges) group.add(new THREE.LineSegments(edges, look.edge));
+  };
+  const fallback = () => bars(body.points_m, radius).forEach((g) => add(g, null));
+  group.position.set(...body.position_m);
+  const [w, x, y, z] = body.quaternion_wxyz;
+  group.quaternion.set(x, y, z, w);
+  if (!body.meshes.length) {
+    fallback();
+    return { group, ready: Promise.resolve(false) };
+  }
+  const ready = Promise.all(body.meshes.map(({ url, scale_to_m }) => surface(url, scale_to_m))).then(
+    (found) => { found.forEach(({ geometry, edges }) => add(geometry, edges)); return true; },
+    () => { fallback(); return false; });
+  return { group, ready };
+}

@@ -1,0 +1,3 @@
+export * from "linktwin-page/clock.js";
+export * from "linktwin-page/colours.js";
+export { Stage } from "linktwin-page/stage.js";

@@ -1,0 +1,224 @@
+"""One job: how far it is and how to end it; then what came of it, to read, play, download and pass on."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Any
+
+from nicegui import ui
+
+from backend.mechanism.mechanism import Mechanism
+from backend.service.jobs.desk import cancel_job, delete_job, find_job, progress_of
+from backend.service.mechanisms import parse_drawing
+from backend.service.page import results
+from backend.service.page.access import share_token, shared_job
+from backend.service.page.drawing_view import staged
+from backend.service.page.markup import ROOT, button, empty, link, notice, tag
+from backend.service.page.shell import page, tell, view
+from backend.service.page.study_view import read_stored_study
+from backend.service.page.timeline import Timeline
+from backend.service.page.work import NAMES, ago, lasted
+from backend.service.problems import Problem
+from backend.service.records import FINISHED, Job, Thing
+from backend.service.service import Service
+from backend.service.things import file_of, files_of
+
+EVERY_S = 0.5
+SHOW_LINK = """() => setTimeout(() => {
+  const link = document.getElementById("share-link");
+  link.value = location.origin + link.dataset.path; link.select();
+}, 150)"""
+COPY_LINK = """(event) => {
+  const link = document.getElementById("share-link");
+  link.select();
+  const copied = navigator.clipboard ? navigator.clipboard.writeText(link.value) : document.execCommand("copy");
+  Promise.resolve(copied).then(() => { event.target.textContent = "Copied"; });
+}"""
+PROMISE = {
+    "track": "Every dot is followed through the clip; a few minutes for a long one.",
+    "fit": "The motion is simulated again and again until it fits what was measured.",
+    "diagnose": "Every effect of the library is tried, one by one and in pairs: minutes for a small mechanism.",
+    "jam": "The mechanism is let go, and asked at every step what could hold it.",
+    "simulate": "The mechanism is let go.",
+}
+
+
+@page("/jobs/{id}")
+def job_view(service: Service, owner: str, id: str) -> None:
+    """Progress while it runs, the result after."""
+    job = find_job(service, owner, id)
+    name, address = _subject(service, job)
+    with view(f"{NAMES[job.kind]} of {name}", [("Work", "/work"), (name, address)], now="/work"):
+        if job.state in FINISHED:
+            _finished(service, job, name)
+        else:
+            _running(service, owner, job, name)
+
+
+@page("/shared/{id}/{token}", open_to_all=True)
+def shared_view(service: Service, owner: str, id: str, token: str) -> None:
+    """The same result for whoever was sent the link: to read and to download, not to change."""
+    job = shared_job(service, id, token)
+    name, _ = _subject(service, job)
+    with view(f"{NAMES[job.kind]} of {name}"):
+        if job.state in FINISHED:
+            _finished(service, job, name, f"{id}/{token}")
+        else:
+            tag("h1", name, style="margin-top: 26px")
+            empty("This is still being worked on", "Open the link again in a while.")
+
+
+def _subject(service: Service, job: Job) -> tuple[str, str]:
+    """Name and address of what the job is about."""
+    for field, room in (("study", "studies"), ("mechanism", "mechanisms")):
+        if id := job.request.get(field):
+            with service.database.reading() as session:
+                thing = session.get(Thing, id)
+            return (thing.name if thing else "a deleted one"), f"/{room}/{id}"
+    return "nothing", "/"
+
+
+def _running(service: Service, owner: str, job: Job, name: str) -> None:
+    with tag("div", look="headline"):
+        with tag("div"):
+            tag("h1", f"{NAMES[job.kind]} of {name}")
+            tag("p", PROMISE[job.kind], "soft")
+        with tag("div", look="actions"):
+            stop = button("Cancel", lambda: end(), "act danger")
+    said = tag("div", aria_live="polite")
+    with tag("div", look="panel", style="max-width: 720px"):
+        words = tag("h3", "Waiting for a worker …", "words", role="status")
+        gauge = tag(
+            "div", look="gauge busy", role="progressbar", aria_valuemin="0", aria_valuemax="100", aria_label="Progress"
+        )
+        with gauge:
+            bar = tag("i")
+        times = tag("p", "Asked " + ago(job.created), "note")
+    tag("p", "You can close this page: the work goes on, and stands under Work.", "note")
+
+    async def look() -> None:
+        now = await asyncio.to_thread(find_job, service, owner, job.id)
+        if now.state in FINISHED:
+            clock.cancel()
+            ui.navigate.reload()
+            return
+        told = progress_of(now)
+        if now.state == "running":
+            words.set_text(told.words[:1].upper() + told.words[1:] or "Starting")  # type: ignore[attr-defined]
+            known = told.part > 0.005
+            gauge.classes(replace="gauge" if known else "gauge busy")
+            gauge.props["aria-valuenow"] = round(100 * told.part)
+            bar.style(f"width: {100 * told.part:.1f}%")
+            left = f", about {lasted(told.remaining_s)} left" if told.remaining_s is not None else ""
+            times.set_text(f"{100 * told.part:.0f}%, {lasted(told.elapsed_s)} so far{left}")  # type: ignore[attr-defined]
+
+    def end() -> None:
+        stop.props("disabled")
+        try:
+            cancel_job(service, owner, job.id)
+        except Problem as problem:
+            tell(problem, said)
+
+    clock = ui.timer(EVERY_S, look)
+
+
+def _finished(service: Service, job: Job, name: str, shared: str = "") -> None:
+    there = {file.path for file in files_of(service, job.id)}
+    base = f"{ROOT}/shared-files/{shared}/" if shared else f"{ROOT}/files/jobs/{job.id}/"
+    with tag("div", look="headline"):
+        with tag("div"):
+            tag("h1", f"{NAMES[job.kind]} of {name}")
+            took = lasted(job.finished - job.started) if job.finished and job.started else ""
+            tag("p", f"Asked {ago(job.created)}" + (f", took {took}." if took else "."), "soft")
+        with tag("div", look="actions"):
+            if there:
+                link("Download everything", base + "all.zip", "act")
+            if not shared and there:
+                _share(service, job)
+            if job.kind == "track" and job.state == "succeeded" and not shared:
+                link("Make a study of the runs", f"/mechanisms/{job.request['mechanism']}/study", "act primary")
+            if job.kind == "simulate" and not shared:
+                link("Measure the real one", f"/mechanisms/{job.request['mechanism']}/measure", "act primary")
+    if job.state == "cancelled":
+        with empty("Cancelled", "Nothing was kept of it. Ask again whenever you like."):
+            link("Back", _subject(service, job)[1], "act primary")
+        return
+    if job.state == "failed":
+        notice((job.message or "It ended without a word; ask again.",), "bad", "It did not succeed")
+    _show(service, job, there, base, shared)
+    results.file_list(service, job, base)
+    if not shared:
+        _forget(service, job)
+
+
+def _show(service: Service, job: Job, there: set[str], base: str, shared: str) -> None:
+    if job.kind == "track":
+        if "tracks.csv" in there:
+            results.tracking(service, job, base, None if shared else f"{ROOT}/files/videos/{job.request['video']}/")
+        return
+    pictures = sorted(path for path in there if path.rpartition("/")[2] == "pictures.json")
+    if "report.json" not in there:
+        return
+    report = json.loads(service.storage.read(file_of(service, job.id, "report.json").key))
+    if not pictures:
+        results.written_page(there, base)
+        return
+    drawn = _stage(service, job, shared)
+    with Timeline():
+        for path in pictures:
+            told = json.loads(service.storage.read(file_of(service, job.id, path).key))
+            one = report
+            if len(pictures) > 1 or "experiments" in report:
+                tag("h2", told["motions"][0]["name"] if told["motions"] else path)
+                one = report["experiments"].get(told["motions"][0]["name"], {}) if told["motions"] else {}
+            results.VIEWS[job.kind](one, told, drawn, base + path)
+
+
+def _stage(service: Service, job: Job, shared: str) -> Any:
+    """The drawing that the job was about; None where it was deleted since."""
+    try:
+        if id := job.request.get("study"):
+            file, mechanism = read_stored_study(service, id)
+            return staged(service, mechanism, "studies", id, file.mechanism.rpartition("/")[0], shared)
+        id = job.request["mechanism"]
+        mechanism: Mechanism = parse_drawing(service, service.storage.read(file_of(service, id, "mechanism.json").key))
+        return staged(service, mechanism, "mechanisms", id, shared=shared)
+    except Problem:
+        return None
+
+
+def _share(service: Service, job: Job) -> None:
+    box = tag("div", look="share")
+    box.set_visibility(False)
+
+    def show() -> None:
+        box.set_visibility(True)
+        press.set_visibility(False)
+
+    press = button("Share", show)
+    with box:
+        tag(
+            "input", look="in", readonly=True, aria_label="Link to this result", id="share-link",
+            data_path=f"{ROOT}/shared/{job.id}/{share_token(service, job.id)}",
+            title="Whoever has the link can read and download this result, and nothing else",
+        )  # fmt: skip
+        copy = button("Copy link")
+    press.on("click", js_handler=SHOW_LINK)
+    copy.on("click", js_handler=COPY_LINK)
+
+
+def _forget(service: Service, job: Job) -> None:
+    with tag("details", style="margin-top: 28px"):
+        tag("summary", "Delete this result")
+        said = tag("div")
+
+        def gone() -> None:
+            try:
+                delete_job(service, job.owner, job.id)
+            except Problem as problem:
+                tell(problem, said)
+                return
+            ui.navigate.to("/work")
+
+        button("Delete it and its files", gone, "act danger")

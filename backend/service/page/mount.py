@@ -1,0 +1,56 @@
+"""The page under /ui: its views, its files, signing in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastapi import FastAPI, Form
+from fastapi.responses import RedirectResponse, Response
+from nicegui import core, ui
+
+from backend.service.keys import owner_of
+from backend.service.page import (  # noqa: F401  each declares its views
+    clip_view,
+    compose_view,
+    home,
+    job_view,
+    mechanism_view,
+    study_view,
+    work,
+)
+from backend.service.page.access import COOKIE
+from backend.service.page.files import add_files
+from backend.service.page.markup import ROOT
+from backend.service.page.shell import service as served
+from backend.service.problems import Problem
+from backend.service.service import Service
+
+ICON = Path(__file__).parent / "icon.svg"
+_mounted = False
+
+
+def mount_page(app: FastAPI, service: Service) -> None:
+    """Put the page under /ui of an application. A process serves one service at a time: the one mounted last."""
+    global _mounted
+    core.app.state.linktwin = service
+    if _mounted:  # NiceGUI is one application per process
+        app.mount(ROOT, core.app)
+        return
+    _mounted = True
+    add_files(core.app, served)
+    core.app.post("/sign-in", include_in_schema=False)(_sign_in)
+    ui.run_with(
+        app, mount_path=ROOT, title="linktwin", favicon=ICON, dark=None, tailwind=False, show_welcome_message=False,
+        reconnect_timeout=30.0,
+    )  # fmt: skip
+
+
+def _sign_in(key: str = Form(default="")) -> Response:
+    """Keep a key that opens something in a cookie that no script can read; else ask again."""
+    answer = RedirectResponse(f"{ROOT}/", status_code=303)
+    try:
+        owner_of(served().database, key.strip())
+    except Problem:
+        return answer
+    answer.set_cookie(COOKIE, key.strip(), httponly=True, samesite="strict", path=ROOT, max_age=30 * 86400)
+    return answer

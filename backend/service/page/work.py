@@ -1,0 +1,72 @@
+"""Work asked for: what runs, what is done, what failed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from backend.service.jobs.desk import list_jobs
+from backend.service.page.markup import empty, link, tag
+from backend.service.page.shell import page, view
+from backend.service.records import Job
+from backend.service.service import Service
+
+NAMES = {
+    "simulate": "Motion", "jam": "Does it jam?", "fit": "Fit", "diagnose": "Diagnosis", "track": "Tracking",
+}  # fmt: skip
+STATES = {
+    "queued": ("queued", "waiting"),
+    "running": ("running", "running"),
+    "succeeded": ("done", "done"),
+    "failed": ("failed", "failed"),
+    "cancelled": ("", "cancelled"),
+}
+
+
+@page("/work")
+def work_view(service: Service, owner: str) -> None:
+    """All work of this owner, newest first."""
+    jobs = list_jobs(service, owner, 100).rows
+    with view("Work", now="/work"):
+        tag("h1", "Work", style="margin-top: 26px")
+        if jobs:
+            work_table(jobs)
+            return
+        with empty(
+            "Nothing was asked yet", "Open a mechanism and ask whether it jams, or open a study and diagnose it."
+        ):
+            link("To the mechanisms", "/", "act primary")
+
+
+def work_table(jobs: Sequence[Job]) -> None:
+    """One line a job."""
+    with tag("div", look="scroll"), tag("table", look="plain"):
+        with tag("thead"), tag("tr"):
+            for head in ("what", "how it stands", "asked", "took"):
+                tag("th", head, scope="col")
+        with tag("tbody"):
+            for job in jobs:
+                with tag("tr"):
+                    with tag("td", look="name"):
+                        link(NAMES.get(job.kind, job.kind), f"/jobs/{job.id}")
+                    look, words = STATES[job.state]
+                    with tag("td"):
+                        part = f" {100 * job.part:.0f}%" if job.state == "running" else ""
+                        tag("span", words + part, f"status {look}")
+                    tag("td", ago(job.created))
+                    tag("td", lasted(job.finished - job.started) if job.finished and job.started else "–")
+
+
+def ago(when: float) -> str:
+    """How long since a moment."""
+    s = max(0.0, time.time() - when)
+    return "just now" if s < 60 else f"{lasted(s)} ago"
+
+
+def lasted(s: float) -> str:
+    """A span of time as one says it."""
+    if s < 90:
+        return f"{s:.0f} s"
+    if s < 5400:
+        return f"{s / 60:.0f} min"
+    return f"{s / 3600:.1f} h" if s < 48 * 3600 else f"{s / 86400:.0f} days"

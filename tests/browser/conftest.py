@@ -1,0 +1,106 @@
+"""A running service and a real browser; skipped where there is no Chromium to drive."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.browser.meshes import draw_meshes
+
+ROOT = Path(__file__).parents[2]
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+)  # fmt: skip
+PATIENCE_MS = 60_000  # a browser without a graphics card, beside other work
+SLOW = os.environ.get("LINKTWIN_SLOW") == "1"
+
+
+@pytest.fixture(scope="session")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Where the page of a running service is: one web process, one worker, an empty data folder."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine: install the distribution's package `chromium`")
+    folder = tmp_path_factory.mktemp("served")
+    draw_meshes(ROOT / "samples" / "pendulum", folder / "scratch" / "page" / "sample-pendulum")
+    command = [sys.executable, "-c", "from backend.cli import main; main()"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKTWIN_STALL_S": "120"}
+    if not SLOW:
+        jobs = [sys.executable, str(Path(__file__).parent / "job_command.py")]
+        environment["LINKTWIN_JOB_COMMAND"] = json.dumps(jobs)
+    log = (folder / "log.txt").open("w")
+    serving = [*command, "serve", "--port", "0", "--data", str(folder)]
+    with subprocess.Popen(
+        serving, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=log, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            told = process.stdout.readline()
+            assert told.startswith("serving"), (folder / "log.txt").read_text()
+            page = told.split()[-1] + "/ui/"
+            _until_it_answers(page, process)
+            yield page
+        finally:
+            process.terminate()
+            process.wait(20)
+            log.close()
+
+
+def _until_it_answers(page: str, process: subprocess.Popen, within_s: float = 90.0) -> None:
+    until = time.monotonic() + within_s
+    while True:
+        assert process.poll() is None, "the service ended"
+        try:
+            if httpx.get(page, timeout=within_s).status_code == 200:
+                return
+        except httpx.TransportError:
+            assert time.monotonic() < until, "the service does not answer"
+
+
+@pytest.fixture(scope="session")
+def browser(address: str) -> Iterator:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        opened = play.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def visit(browser, address: str) -> Iterator[Callable]:
+    """Open the page in a fresh window; at its end no script may have failed and nothing been fetched from elsewhere."""
+    windows, faults = [], []
+    here = address.split("/ui/")[0]
+
+    def open_page(path: str = "", width: int = 1280, height: int = 900, scheme: str = "light"):
+        window = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+        window.set_default_timeout(PATIENCE_MS)
+        window.set_default_navigation_timeout(PATIENCE_MS)
+        page = window.new_page()
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("request", lambda request: faults.append(request.url) if _strange(request.url, here) else None)
+        page.goto(address + path)
+        windows.append(window)
+        return page
+
+    yield open_page
+    for window in windows:
+        window.close()
+    assert faults == []
+
+
+def _strange(url: str, here: str) -> bool:
+    return not url.startswith((here, here.replace("http", "ws", 1), "data:", "blob:"))
