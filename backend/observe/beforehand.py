@@ -17,7 +17,6 @@ FOCAL_SD = 0.25  # of the focal length
 ASPECT_SD = 5e-4  # of fx against fy: pixels are square
 CENTRE_SD = 0.01  # of the picture's longer side
 BEND_SD = {"k1": 0.1, "k2": 0.05, "p1": 5e-4, "p2": 5e-4, "k3": 0.0}
-GIVEN_HEIGHT_SD_M = 1e-3  # a height measured with a ruler
 UNKNOWN_HEIGHT_M, UNKNOWN_HEIGHT_SD_M = 0.010, 0.020  # of all dots together: bars lie on a bed, or on posts
 LAYER_SD_M = 0.005  # of one dot against the others: bars are stacked
 
@@ -33,15 +32,15 @@ def unknown_lens(width_px: int, height_px: int) -> tuple[Float[np.ndarray, "9"],
 
 
 def known_heights(
-    bed: Bed, markers: Sequence[str], sd_m: float = GIVEN_HEIGHT_SD_M
+    bed: Bed, markers: Sequence[str]
 ) -> tuple[Float[np.ndarray, "marker"], Float[np.ndarray, "marker marker"]]:
-    """Heights above the bed [m] and their covariance; sd_m: of a height that the bed file gives."""
+    """Heights above the bed [m] and their covariance."""
     given = bed.marker_height_m
     listed = given if isinstance(given, dict) else dict.fromkeys(markers if given is not None else (), given)
     known = np.array([name in listed for name in markers])
     heights = np.array([listed.get(name, UNKNOWN_HEIGHT_M) for name in markers], float)
     together = np.outer(~known, ~known) * UNKNOWN_HEIGHT_SD_M**2
-    return heights, together + np.diag(np.where(known, sd_m, LAYER_SD_M) ** 2)
+    return heights, together + np.diag(np.where(known, bed.marker_height_sd_m, LAYER_SD_M) ** 2)
 
 
 def before(
@@ -56,11 +55,11 @@ def before(
     return Prior.of(values, heights_m, covariance)
 
 
-def before_of(camera: Camera, markers: Sequence[str], bed: Bed, sd_m: float = GIVEN_HEIGHT_SD_M) -> Prior:
-    """A calibrated lens and the heights: those that were found with it, else those of the bed."""
+def before_of(camera: Camera, markers: Sequence[str], bed: Bed) -> Prior:
+    """A calibrated lens and the heights: those that were found with it, unless the bed gives others."""
     pose = camera.pose
-    if pose is None or list(pose.marker_height_m) != list(markers):
-        return before((camera.values(), np.array(camera.covariance)), known_heights(bed, markers, sd_m))
+    if pose is None or list(pose.marker_height_m) != list(markers) or bed.marker_height_m != pose.marker_height_m:
+        return before((camera.values(), np.array(camera.covariance)), known_heights(bed, markers))
     whole = np.array(pose.covariance)
     kept = np.r_[0:9, 15 : len(whole)]
     return Prior.of(camera.values(), np.array([*pose.marker_height_m.values()]), whole[np.ix_(kept, kept)])

@@ -206,7 +206,7 @@ class _Problem:
         toward = np.sign(self.plane.from_world(state.view.p_WC)[2])
         height = np.broadcast_to(toward * self.heights(state), (F, M))
         p_W = self.plane.at(np.concatenate([state.xy, height[..., None]], 2)).reshape(-1, 3)
-        by_view, by_point = (s.reshape(F, M, 2, -1) for s in state.view.slopes(p_W))
+        by_view, by_point = (s.reshape(F, M, 2, s.shape[-1]) for s in state.view.slopes(p_W))
         miss = state.view.pixels(p_W).reshape(F, M, 2) - np.where(self.seen[..., None], self.dots.px, 0.0)
         by_common = by_view @ by_all
         by_common[..., : self.k] += toward * np.einsum("fmiw,w,mk->fmik", by_point, axes[2], self.prior.root[LENS:])

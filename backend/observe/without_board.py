@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from backend.observe.account import MARK_SD_PX
 from backend.observe.bars import Bar, known_lengths
@@ -89,7 +90,8 @@ def camera_from_bars(
         fitted, _ = camera.for_picture(*size_px)
         prior = before_of(fitted.model_copy(update={"pose": None}), markers, bed)
     found = adjusted(bed, prior, dots)
-    return camera_of(found, bed, markers, dots, size_px, _notes(found, markers, bars, bar_sd_m))
+    notes = _notes(found, markers, bars, bar_sd_m)
+    return camera_of(found, bed, markers, dots, size_px, (_settled(found, bed, dots, notes), *notes))
 
 
 def adjusted(bed: Bed, prior: Prior, dots: Dots) -> Bundle:
@@ -98,9 +100,14 @@ def adjusted(bed: Bed, prior: Prior, dots: Dots) -> Bundle:
     placed = pose(bed, guess, prior.lens[2:4])
     start = Viewpoint(prior.lens, placed.R @ bed.plane.axes(), bed.plane.at(placed.position_m))
     metres_per_px = abs(placed.position_m[2]) / prior.lens[0]
-    own = np.array([TAG_SD_PX if m.id.startswith("tag ") else MARK_SD_PX for m in bed.marks])
-    marks = Marks(bed.metres(), bed.pixels(), np.hypot(own, bed.mark_sd_m / metres_per_px))
+    marks = Marks(bed.metres(), bed.pixels(), mark_sd_px(bed, metres_per_px))
     return adjust(bed.plane, start, prior, marks, dots)
+
+
+def mark_sd_px(bed: Bed, metres_per_px: float) -> Float[np.ndarray, "mark"]:
+    """Deviation of each mark: where it is seen, and where it is on the bed."""
+    own = np.array([TAG_SD_PX if m.id.startswith("tag ") else MARK_SD_PX for m in bed.marks])
+    return np.hypot(own, bed.mark_sd_m / metres_per_px)
 
 
 def camera_of(
@@ -111,17 +118,7 @@ def camera_of(
     size_px: tuple[int, int],
     notes: Sequence[str] = (),
 ) -> Camera:
-    """A bundle as a camera file.  Raises TrackingError where the dots' places are not settled."""
-    if found.misfit > NONSENSE:
-        raise TrackingError(
-            f"Bed marks, bars and dots disagree by {found.misfit:.0f} times what they should. Check the marks' places "
-            f"on the bed and the drawing's lengths. {' '.join(notes)}"
-        )
-    sd_m = expected_error_m(found, bed, dots)
-    said = f"Dots are placed to {1e3 * sd_m:.2g} mm (one deviation per axis, the same error in every frame)"
-    if sd_m > TOO_MUCH_M:
-        raise TrackingError(f"{said}: height and lens are not settled. {REMEDY}")
-    said += f". {REMEDY}" if sd_m > WORTH_SAYING_M else "."
+    """A bundle as a camera file."""
     covariance = found.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     stands = CameraPose(
@@ -144,7 +141,7 @@ def camera_of(
         reprojection_rms_px=found.mark_rms_px,
         views=max(len(dots.px), 1),
         coverage=min(float(cv2.contourArea(hull)) / (size_px[0] * size_px[1]), 1.0),
-        notes=(said, *notes),
+        notes=tuple(notes),
         pose=stands,
     )
 
@@ -156,6 +153,20 @@ def expected_error_m(found: Bundle, bed: Bed, dots: Dots) -> float:
     xy = found.view.on_plane(px, bed.plane, height)
     slopes = placing_slopes(found.view, bed.plane, xy, height, marker, len(found.heights_m))
     return float(np.sqrt(np.mean(placing_sd_m(slopes, found.covariance) ** 2)))
+
+
+def _settled(found: Bundle, bed: Bed, dots: Dots, notes: Sequence[str]) -> str:
+    """How well dots are placed.  Raises TrackingError where that is not settled."""
+    if found.misfit > NONSENSE:
+        raise TrackingError(
+            f"Bed marks, bars and dots disagree by {found.misfit:.0f} times what they should. Check the marks' places "
+            f"on the bed and the drawing's lengths. {' '.join(notes)}"
+        )
+    sd_m = expected_error_m(found, bed, dots)
+    said = f"Dots are placed to {1e3 * sd_m:.2g} mm (one deviation per axis, the same error in every frame)"
+    if sd_m > TOO_MUCH_M:
+        raise TrackingError(f"{said}: height and lens are not settled. {REMEDY}")
+    return f"{said}. {REMEDY}" if sd_m > WORTH_SAYING_M else f"{said}."
 
 
 def _dots(tracks: pd.DataFrame, markers: Sequence[str], bars: Sequence[Bar], bar_sd_m: float) -> Dots:

@@ -24,7 +24,7 @@ def fitted_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motio
     run, residuals, x = result.residuals.runs[index], result.residuals, result.solution.x
     setting = run.setting
     own = residuals.own(x, index)
-    rates = own[run.mobility :] if run.moving else np.zeros(run.mobility)
+    rates = own[run.mobility : run.unknowns] if run.moving else np.zeros(run.mobility)
     values = run.every(x[: len(residuals.parameters)])
     model = with_values(setting.model, run.addresses, jnp.asarray(values))
     plant = system(model)

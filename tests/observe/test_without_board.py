@@ -194,6 +194,11 @@ def test_a_clip_of_the_moving_mechanism_stands_in_for_the_board(filmed):
     error = np.hypot(*errors_m(made, tracked.tracks).reshape(-1, 2).T)
     assert np.nanmedian(error) < 0.15e-3  # m: 0.66 mm per pixel; what was asked for without a board
     assert np.nanquantile(error, 0.95) < 0.35e-3
+    # What is left unknown goes with the tracks.
+    beside = read_camera(folder / "tracked" / "camera.json")
+    assert beside.pose is not None
+    assert tracked.summary["calibration_sd_m"] < 0.25e-3
+    assert {t["kind"] for t in tracked.summary["tolerances"]} >= {"camera_scale", "camera_rotation", "time_offset"}
 
 
 def test_bars_need_both_the_drawing_and_the_bed(filmed):
