@@ -77,8 +77,8 @@ def test_an_uncertain_calibration_widens_the_interval(fit):
 
 
 def test_the_camera_of_another_lens_is_named(fit):
-    """Its k1 is zero where the lens has -0.1: up to 2 px.  Rough dots let pose and heights hide half of that."""
-    told = " ".join(fit(0, k1_off=0.1, dot_px=0.05).report.warnings)
+    """Its k1 is half of what the lens has: up to 1 px.  Rough dots let pose and heights hide that."""
+    told = " ".join(fit(0, k1_off=0.05, dot_px=0.05).report.warnings)
     assert "contradict camera.json" in told
     assert "Calibrate again at the clip's setting" in told
 
