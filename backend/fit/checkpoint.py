@@ -114,6 +114,8 @@ def digest(study: Study, free: Sequence[str], options: Mapping[str, Any]) -> str
             table = getattr(e, name)
             if table is not None:
                 made.update(f"{e.id} {name}\n{table.to_csv(index=False)}".encode())
+        if e.camera is not None:
+            made.update(f"{e.id} camera\n".encode() + e.camera.read_bytes())
     return made.hexdigest()
 
 

@@ -15,6 +15,8 @@ import numpy as np
 from backend.effects.shapes import AbstractJointClearance, AbstractLinkContact
 from backend.fit.alike import alike
 from backend.fit.checkpoint import Checkpoint, digest
+from backend.fit.contradiction import contradictions
+from backend.fit.filmed_run import run_of, seen_by
 from backend.fit.free import free_parameters
 from backend.fit.identifiability import Profile, Uncertainty, assess, profile_interval
 from backend.fit.loss import LossName
@@ -101,8 +103,8 @@ def fit_study(
     }  # fmt: skip
     made_of = digest(study, free, options) if checkpoint else ""
     kept = Checkpoint.resume(checkpoint, made_of) if checkpoint and resume else Checkpoint(checkpoint, made_of)
-    runs = [Run.of(e, model, addresses, step) for e in study.fit]
-    held_out = [Run.of(e, model, addresses, step) for e in study.held_out]
+    runs = [run_of(e, model, addresses, step) for e in study.fit]
+    held_out = [run_of(e, model, addresses, step) for e in study.held_out]
     scale = np.array([table[f.addresses[0]].natural for f in freedom.parameters])
     residuals = Residuals(freedom.parameters, scale, runs)
     shared = Sparse(residuals, groups) if groups else None
@@ -131,7 +133,7 @@ def fit_study(
     )
     intervals: dict[str, Profile] = {}
     complete = solution.status != "cancelled"
-    warnings = [*uncertainty.warnings, *_misses([*runs, *held_out])]
+    warnings = [*uncertainty.warnings, *contradictions(residuals, solution.x), *_misses([*runs, *held_out])]
     if not solution.converged:
         warnings.insert(0, solution.message)
     if shared:
@@ -189,7 +191,7 @@ def _profiles(
 def _overlays(residuals: Residuals, held_out: Sequence[Run], solution: Solution) -> list[Overlay]:
     p, fitted = len(residuals.parameters), len(residuals.runs)
     drawn = np.array([f.start for f in residuals.parameters])
-    runs = [*residuals.runs, *held_out]
+    runs = [*residuals.runs, *(seen_by(run, residuals.camera_numbers(solution.x)) for run in held_out)]
 
     def both(i: int) -> list[Overlay]:
         run = runs[i]

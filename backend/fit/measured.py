@@ -7,20 +7,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
 
+from backend.fit.eye import Eye, has_metres, has_pixels
 from backend.fit.noise import Source, channel_noise
 from backend.mechanism.study import Experiment
 from backend.model.model import Model
 
 AXES = ("x_m", "y_m", "z_m")
+PIXELS = ("x_px", "y_px")
 
 
 @dataclass(frozen=True)
 class Channel:
     """One measured quantity: where (`joint:j1`, `marker:tip`), which coordinate, and its column in a prediction.
 
-    Columns of a prediction: q of all joints, then x, y, z of all markers, then the effort of all joints.
+    Columns of a prediction: q of all joints, then x, y, z of all markers, then the effort of all joints; of a
+    pixel, the marker's first.
     """
 
     at: str
@@ -59,8 +64,11 @@ class Measured:
         return np.flatnonzero(self.channel == channel)
 
 
-def measured(experiment: Experiment, model: Model) -> Measured:
+def measured(experiment: Experiment, model: Model, in_pixels: bool = False) -> Measured:
     """Gather an experiment's tables; coordinates that were not measured are skipped.
+
+    in_pixels: tracks as places in the picture; otherwise places in the world, found through the experiment's camera
+    where the tracks hold pixels alone.
 
     Raises ValueError naming the experiment and channel when it holds nothing, or when noise can neither be read
     nor estimated.
@@ -68,7 +76,7 @@ def measured(experiment: Experiment, model: Model) -> Measured:
     release = experiment.release.time_s
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     channels: list[Channel] = []
-    for at, coordinate, column, unit, time, value, sigma in _series(experiment, model):
+    for at, coordinate, column, unit, time, value, sigma in _series(experiment, model, in_pixels):
         seen = np.isfinite(value)
         if not experiment.release.at_rest:
             seen &= time >= release  # before the release of a moving start there is nothing to predict
@@ -93,7 +101,23 @@ def measured(experiment: Experiment, model: Model) -> Measured:
     return Measured(time, value, sigma, np.repeat(np.arange(len(parts)), lengths), tuple(channels), release)
 
 
-def _series(experiment: Experiment, model: Model) -> Iterator[tuple]:
+def drawn_markers(model: Model) -> dict[str, Float[np.ndarray, "3"]]:
+    """World positions of the markers as drawn [m]."""
+    poses, points = np.array(model.drawn_poses), np.array(model.marker_points)
+    return {
+        name: poses[body, :3] + Rotation.from_quat(poses[body, 3:], scalar_first=True).apply(point)
+        for name, body, point in zip(model.marker_ids, model.marker_bodies, points, strict=True)
+    }
+
+
+def _in_world(experiment: Experiment, tracks: pd.DataFrame, model: Model) -> pd.DataFrame:
+    eye = Eye.of(experiment)
+    if eye is None or not has_pixels(experiment) or has_metres(experiment):
+        return tracks
+    return eye.placed(tracks, drawn_markers(model))
+
+
+def _series(experiment: Experiment, model: Model, in_pixels: bool) -> Iterator[tuple]:
     """(at, coordinate, column, unit, time, value, sigma) of every channel."""
     joints, markers = model.topology.joint_ids, model.marker_ids
     turning = {id: type != "prismatic" for id, type in zip(joints, model.topology.joint_types, strict=True)}
@@ -102,8 +126,16 @@ def _series(experiment: Experiment, model: Model) -> Iterator[tuple]:
             unit = "rad" if turning[id] else "m"
             yield (f"joint:{id}", "q", joints.index(id), unit, *_columns(rows, "q", "sigma"))
     if (table := experiment.tracks) is not None:
+        table = table if in_pixels else _in_world(experiment, table, model)
         table = table[table["status"].isin(("ok", "observed"))] if "status" in table else table
         for id, rows in _groups(table, "marker"):
+            if in_pixels:
+                column, whole = len(joints) + 3 * markers.index(id), rows[list(PIXELS)].notna().all(axis=1)
+                for name, variance in zip(PIXELS, ("cov_xx_px2", "cov_yy_px2"), strict=True):
+                    sigma = np.sqrt(rows[variance]) if variance in rows else rows["time_s"] * np.nan
+                    picture = rows.assign(value=rows[name].where(whole), sigma=sigma)
+                    yield (f"marker:{id}", name, column, "px", *_columns(picture, "value", "sigma"))
+                continue
             for axis, name in enumerate(AXES):
                 column = len(joints) + 3 * markers.index(id) + axis
                 yield (f"marker:{id}", name, column, "m", *_columns(rows, name, "sigma_m"))

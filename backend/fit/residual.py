@@ -11,10 +11,12 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from backend.fit.filmed_run import FilmedRun
 from backend.fit.free import FreeParameter
 from backend.fit.noise import lag_one, whiten_ar1
 from backend.fit.prior import GaussianPrior
@@ -35,8 +37,8 @@ class Rows:
 class Residuals:
     """The residual function of a study.
 
-    x = (values of the parameters, own unknowns of each run). memory: AR(1) coefficient by (run, channel), empty
-    for white noise.
+    x = (values of the parameters, own unknowns of each run, numbers of each camera, which runs may share). memory:
+    AR(1) coefficient by (run, channel), empty for white noise.
     """
 
     parameters: Sequence[FreeParameter]
@@ -48,23 +50,44 @@ class Residuals:
     def __post_init__(self):
         p = len(self.parameters)
         ends = p + np.cumsum([0, *[r.unknowns for r in self.runs]])
-        self._own = [slice(a, b) for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]
+        self.cameras = {r.camera.source: r.camera for r in self.runs if isinstance(r, FilmedRun)}
+        z = dict(
+            zip(self.cameras, _blocks(int(ends[-1]), [c.root.shape[1] for c in self.cameras.values()]), strict=True)
+        )
+        self._own = [
+            np.concatenate([np.arange(a, b), *([z[r.camera.source]] if isinstance(r, FilmedRun) else [])])
+            for r, a, b in zip(self.runs, ends[:-1].tolist(), ends[1:].tolist(), strict=True)
+        ]
+        self._z = z
         sd = {f.name: (f.start, f.prior_sd) for f in self.parameters if f.prior_sd is not None}
         self.prior = GaussianPrior.of([f.name for f in self.parameters], sd) if sd else GaussianPrior.none()
 
     @property
     def names(self) -> list[str]:
         """Names of all unknowns."""
-        return [f.name for f in self.parameters] + [n for run in self.runs for n in run.own_names()]
+        own = [n for run in self.runs for n in run.own_names()]
+        cameras = [
+            f"camera:{at.stem}{k + 1}.{i + 1}" for k, (at, z) in enumerate(self._z.items()) for i in range(z.size)
+        ]
+        return [f.name for f in self.parameters] + own + cameras
 
     @property
     def start(self) -> Float[np.ndarray, " x"]:
         """Declared or drawn values, and the starts found."""
-        return np.concatenate([[f.start for f in self.parameters], *[run.start for run in self.runs]])
+        calibrated = [np.zeros(z.size) for z in self._z.values()]
+        return np.concatenate([[f.start for f in self.parameters], *[run.start for run in self.runs], *calibrated])
 
     def own(self, x: np.ndarray, run: int) -> np.ndarray:
-        """The own unknowns of one run."""
+        """The own unknowns of one run, and those of its camera."""
         return x[self._own[run]]
+
+    def filmed(self, source: Path) -> list[Run]:
+        """The runs that one camera took."""
+        return [r for r in self.runs if isinstance(r, FilmedRun) and r.camera.source == source]
+
+    def camera_numbers(self, x: np.ndarray) -> dict[Path, np.ndarray]:
+        """How far each camera is from its calibration, in deviations along the axes of its covariance."""
+        return {source: x[z] for source, z in self._z.items()}
 
     def problem(self, fraction: float = 1.0, anchor: np.ndarray | None = None) -> LeastSquares:
         """Least squares over the first fraction of every record.
@@ -73,9 +96,10 @@ class Residuals:
         own size, or by its natural size where it is zero.
         """
         bounds = [run.bounds() for run in self.runs]
-        lower = np.concatenate([[f.lower for f in self.parameters], *[b[0] for b in bounds]])
-        upper = np.concatenate([[f.upper for f in self.parameters], *[b[1] for b in bounds]])
-        scale = np.concatenate([self.scale, *[np.ones(run.unknowns) for run in self.runs]])
+        beyond = np.full(sum(z.size for z in self._z.values()), np.inf)
+        lower = np.concatenate([[f.lower for f in self.parameters], *[b[0] for b in bounds], -beyond])
+        upper = np.concatenate([[f.upper for f in self.parameters], *[b[1] for b in bounds], beyond])
+        scale = np.concatenate([self.scale, np.ones(lower.size - self.scale.size)])
         last: dict[str, np.ndarray] = {}
         p = len(self.parameters)
 
@@ -117,7 +141,8 @@ class Residuals:
             motion.append((r_m / self.spread, J_m / self.spread))
             still.append((r[held], J[held]))
         prior = (self.prior.residual(x), self.prior.jacobian(x.size))
-        parts = [*motion, *still, prior]
+        z = np.concatenate([np.zeros(0, int), *self._z.values()])
+        parts = [*motion, *still, prior, (x[z], np.eye(x.size)[z])]
         return np.concatenate([r for r, _ in parts]), np.concatenate([J for _, J in parts])
 
     def _remember(self, run: int, channel: np.ndarray, r: np.ndarray, J: np.ndarray):
@@ -157,9 +182,15 @@ class Residuals:
                 run.append(np.full(rows.size, -1 if held else i))
                 instant.append(order)
         motion = sum(part.size for part in run[: len(self.runs)])
-        priors = self.prior.index.size
+        priors = self.prior.index.size + sum(z.size for z in self._z.values())
         return Rows(
             np.concatenate([*run, np.full(priors, -1)]),
             np.concatenate([*instant, np.zeros(priors, int)]),
             motion,
         )
+
+
+def _blocks(start: int, sizes: Sequence[int]) -> list[Int[np.ndarray, " k"]]:
+    """Consecutive indices from `start` on, so many at a time."""
+    ends = start + np.cumsum([0, *sizes])
+    return [np.arange(a, b) for a, b in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)]

@@ -8,7 +8,7 @@ from typing import Self
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from backend.effects.shapes import AbstractClock, AbstractShutter
 from backend.fit.measured import Measured, measured
@@ -101,13 +101,22 @@ class Run:
         """Steps and samples that the rollout of the whole record has room for."""
         clocks = bool(self.model.of(AbstractClock) or self.model.of(AbstractShutter))
         steps = int(np.ceil(self.duration_s * (CLOCK_ROOM if clocks else 1.0) / self.step_s)) + 1
-        return roomy(steps), roomy(self.since_release_s.size)
+        return roomy(steps), roomy(self.asked[0].size)
+
+    @property
+    def asked(self) -> tuple[Float[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+        """When (since the release, as stated) and which columns of the rollout are asked for."""
+        return self.since_release_s, self.data.column
+
+    def reported(self, value: np.ndarray, slope: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the data would say, and its slope in (values, own), from what was asked of the rollout."""
+        return value, slope
 
     def framed(self, steps: int, samples: int) -> Setting:
         """The rollout with room for so many steps and samples: one frame for all is one compiled program."""
-        since = self.since_release_s
+        since, asked = self.asked
         column, time = np.zeros(samples, int), np.zeros(samples)
-        column[: since.size], time[: since.size] = self.data.column, since
+        column[: since.size], time[: since.size] = asked, since
         record = None
         if (table := self.experiment.inputs) is not None:
             series = [
@@ -131,21 +140,22 @@ class Run:
 
     def predict(self, values: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Predicted samples and their derivative in (values, own); NaN from where the motion is lost."""
-        rates = own[self.mobility :] if self.moving else np.zeros(self.mobility)
+        rates = own[self.mobility : self.unknowns] if self.moving else np.zeros(self.mobility)
         every = self.every(values)
         x = np.concatenate([every, own[: self.mobility], rates])
-        if self._last is not None and np.array_equal(self._last[0], x):
+        key = np.concatenate([x, own[self.unknowns :]])
+        if self._last is not None and np.array_equal(self._last[0], key):
             return self._last[1]
         p = every.size
         directions = np.eye(p + self.unknowns, x.size)
         seen, slope, lost = linearised(
             self.setting, self.addresses, self.step_s, jnp.asarray(x), jnp.asarray(directions)
         )
-        n = self.data.time_s.size
+        n = self.asked[0].size
         J = np.asarray(slope[:n])
         J = J if self.ties is None else np.concatenate([J[:, :p] @ self.ties, J[:, p:]], 1)
-        made = np.where(np.asarray(lost[:n]), np.nan, np.asarray(seen[:n])), J
-        self._last = x, made
+        made = self.reported(np.where(np.asarray(lost[:n]), np.nan, np.asarray(seen[:n])), J, own)
+        self._last = key, made
         return made
 
     def settle(self, values: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.part import Part
 from backend.mechanism.sentences import sentences
 from backend.mechanism.study import Experiment, ExperimentFile, Study, StudyFile, study_problems
-from backend.mechanism.tracks import TABLES, read_table
+from backend.mechanism.tracks import PLACES, TABLES, read_table
 
 VERSION = "1.0"
 LARGEST_BYTES = 64 * 2**20  # a thousand-cell scissor takes 3 MB
@@ -129,16 +129,27 @@ def _experiment(entry: ExperimentFile, mechanism: Mechanism, opener: _Folder) ->
                 tables[name] = read_table(name, opener.path(uri), mechanism)
             except DrawingError as error:
                 problems += [f"{error.source}: {problem}" for problem in error.problems]
+    tracks = tables.get("tracks")
+    if entry.camera is None and tracks is not None and "x_px" in tracks and tracks[list(PLACES)].isna().all(axis=None):
+        problems.append(
+            f"{entry.tracks}: holds no place in metres; name the camera.json of its clip as the experiment's camera, "
+            "or track the clip again with the bed file"
+        )
     last = max((float(table["time_s"].max()) for table in tables.values()), default=None)
     if last is not None and entry.release.time_s >= last:
         problems.append(
             f"release.time_s is {entry.release.time_s:g} s, but its last sample is at {last:g} s: "
             "nothing is left to compare; check the clock of the tables"
         )
+    camera = None if entry.camera is None else opener.path(entry.camera)
+    if camera is not None and not camera.is_file():
+        problems.append(f"{entry.camera}: is no file; name the camera.json that linktwin track wrote beside the tracks")
     if problems:
         raise DrawingError(problems)
     video = None if entry.video is None else opener.path(entry.video)
-    return Experiment(entry.id, entry.use, entry.release, video=video, overrides=entry.overrides, **tables)
+    return Experiment(
+        entry.id, entry.use, entry.release, video=video, camera=camera, overrides=entry.overrides, **tables
+    )  # fmt: skip
 
 
 class _Folder:

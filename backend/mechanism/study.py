@@ -42,6 +42,7 @@ class ExperimentFile(Part):
     inputs: Id | None = None
     joint_efforts: Id | None = None
     video: Id | None = None
+    camera: Id | None = None
     release: Release
     overrides: dict[str, dict[str, ParameterValue]] = Field(default_factory=dict)
 
@@ -72,6 +73,7 @@ class Experiment:
     joint_positions: time_s, joint, q, sigma [rad or m].
     inputs: time_s, effect, parameter, value, held until the next row of the same effect and parameter.
     joint_efforts: time_s, joint, effort, sigma [N m or N].
+    camera: the file of the calibrated camera that took the tracks, with the pose it had: a fit then compares pixels.
     overrides: effect id -> parameters that differ from the drawing in this experiment.
     """
 
@@ -83,6 +85,7 @@ class Experiment:
     inputs: pd.DataFrame | None = None
     joint_efforts: pd.DataFrame | None = None
     video: Path | None = None
+    camera: Path | None = None
     overrides: dict[str, dict[str, ParameterValue]] = field(default_factory=dict)
 
 

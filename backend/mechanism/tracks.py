@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from backend.mechanism.mechanism import Mechanism
 
 STATUSES = ("ok", "observed", "occluded", "predicted", "outlier")
+PLACES, PIXELS = ("x_m", "y_m", "z_m"), ("x_px", "y_px")  # of a marker in the world, and in the picture
 SHOWN = 5  # faults listed of one kind; a column of text would otherwise fill the screen
 
 
@@ -28,7 +29,7 @@ class TableFormat:
     """Columns of one kind of table.
 
     keys: whose time runs forward. finite: what every row must give. sigma: the column of the noise;
-    it and the extra ones may be left out.
+    it and the extra ones may be left out.  instead: what may be left out where other columns stand.
     """
 
     keys: tuple[str, ...]
@@ -37,11 +38,14 @@ class TableFormat:
     finite: tuple[str, ...]
     sigma: str | None = None
     extra: tuple[str, ...] = ()
+    instead: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
 
-    @property
-    def required(self) -> tuple[str, ...]:
+    def required(self, header: Sequence[str]) -> tuple[str, ...]:
         """Columns that must stand in the header."""
-        return tuple(name for name in (*self.text, *self.numbers) if name not in (self.sigma, *self.extra))
+        spared, others = self.instead
+        spared = spared if others and set(others) <= set(header) else ()
+        left_out = (self.sigma, *self.extra, *spared)
+        return tuple(name for name in (*self.text, *self.numbers) if name not in left_out)
 
 
 TABLES = {
@@ -55,6 +59,7 @@ TABLES = {
         finite=("time_s",),
         sigma="sigma_m",
         extra=("frame", "x_px", "y_px", "cov_xx_px2", "cov_xy_px2", "cov_yy_px2", "status"),
+        instead=(PLACES, PIXELS),
     ),
     "joint_positions": TableFormat(("joint",), ("joint",), ("time_s", "q", "sigma"), ("time_s",), "sigma"),
     "inputs": TableFormat(("effect", "parameter"), ("effect", "parameter"), ("time_s", "value"), ("time_s", "value")),
@@ -82,8 +87,9 @@ def read_table(name: str, path: Path, mechanism: Mechanism) -> pd.DataFrame:
             problems += _few(faults)
         else:
             table[column] = np.asarray(cells, dtype=object)
-    if form.sigma is not None and form.sigma not in table:
-        table[form.sigma] = np.full(len(table["time_s"]), np.nan)
+    for column in (*form.instead[0], form.sigma):
+        if column is not None and column not in table:
+            table[column] = np.full(len(columns["time_s"]), np.nan)
     if not problems:
         for check in (_names, _status, _sigma, _order):
             problems += _few(list(check(form, table, mechanism)))
@@ -138,7 +144,7 @@ def _parquet(path: Path) -> dict[str, Any]:
 
 
 def _header_faults(form: TableFormat, header: list[str]) -> Iterator[str]:
-    if missing := [name for name in form.required if name not in header]:
+    if missing := [name for name in form.required(header) if name not in header]:
         yield f"lacks column {', '.join(missing)}; its header is {','.join(header)[:200]}"
     allowed = (*form.numbers, *form.text)
     if unknown := [name for name in header if name not in allowed]:

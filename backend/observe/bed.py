@@ -1,7 +1,8 @@
 """The bed as the user describes it: printed marks, the plane they lie in, and what is known of the camera.
 
 The bed file is JSON: either the list of marks alone, or an object with `marks` or `tags` and any of `plane`,
-`lens` or `camera`, `camera_height_m` and `marker_height_m`.
+`lens` or `camera`, `camera_height_m`, `marker_height_m`, and how
+well places and heights are known: `mark_sd_m`, `marker_height_sd_m`.
 """
 
 from __future__ import annotations
@@ -18,9 +19,8 @@ from pydantic import Field, ValidationError, model_validator
 from backend.observe.camera import Camera, read_camera
 from backend.observe.described import Described, Number
 from backend.observe.lens import Lens
+from backend.observe.plane import Plane
 from backend.observe.tracking_error import TrackingError
-
-Vector = tuple[Number, Number, Number]
 
 
 class BedMark(Described):
@@ -41,48 +41,14 @@ class BedTag(Described):
     y_m: Number
 
 
-class Plane(Described):
-    """Where the bed lies in the world W: its origin [m] and the directions of its x and y, orthonormal.
-
-    A flat bed is the default; an upright rig has x_axis (1, 0, 0) and y_axis (0, 0, 1).
-    """
-
-    origin_m: Vector = (0.0, 0.0, 0.0)
-    x_axis: Vector = (1.0, 0.0, 0.0)
-    y_axis: Vector = (0.0, 1.0, 0.0)
-
-    @model_validator(mode="after")
-    def _orthonormal(self) -> Plane:
-        axes = np.array([self.x_axis, self.y_axis])
-        if np.abs(axes @ axes.T - np.eye(2)).max() > 1e-6:
-            raise ValueError(f"x_axis {self.x_axis} and y_axis {self.y_axis} are not unit vectors at a right angle")
-        return self
-
-    def axes(self) -> Float[np.ndarray, "3 3"]:
-        """Rows: the bed's x, y and normal (x cross y), in W."""
-        x, y = np.array(self.x_axis), np.array(self.y_axis)
-        return np.stack([x, y, np.cross(x, y)])
-
-    def from_world(self, p_W: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Bed coordinates (x, y, along the normal) [m] of world positions [m]."""
-        return (np.asarray(p_W, float) - np.array(self.origin_m)) @ self.axes().T
-
-    def to_world(self, xy_m: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
-        """World positions [m] of points in the bed; what runs along the normal is not measured: NaN.
-
-        Where the normal is no world axis, all three coordinates are those of the point in the plane.
-        """
-        world = np.array(self.origin_m) + np.asarray(xy_m) @ self.axes()[:2]
-        unseen = np.abs(np.abs(self.axes()[2]) - 1) < 1e-9
-        return np.where(unseen, np.nan, world)
-
-
 class Bed(Described):
     """Everything known about the bed.
 
     tags: marks that are found in the first picture by themselves.  camera: what `linktwin calibrate` saved, in
     place of lens.  camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots above the
-    plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None.
+    plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None; those that a camera file
+    found are taken where none are given.  mark_sd_m, marker_height_sd_m: how well the marks' places on the bed,
+    and given heights, are known.
     """
 
     marks: tuple[BedMark, ...] = ()
@@ -92,6 +58,8 @@ class Bed(Described):
     camera: Camera | None = None
     camera_height_m: Annotated[Number, Field(gt=0)] | None = None
     marker_height_m: Number | dict[str, Number] | None = None
+    mark_sd_m: Annotated[Number, Field(ge=0)] = 2e-4
+    marker_height_sd_m: Annotated[Number, Field(gt=0)] = 5e-4
 
     @model_validator(mode="after")
     def _one_lens(self) -> Bed:
@@ -145,6 +113,8 @@ def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
 
 
 def _checked(bed: Bed) -> Bed:
+    if bed.marker_height_m is None and bed.camera and bed.camera.pose and bed.camera.pose.marker_height_m:
+        bed = bed.model_copy(update={"marker_height_m": bed.camera.pose.marker_height_m})
     ids = [m.id for m in bed.marks] + [f"tag {t.id}" for t in bed.tags]
     if len(ids) < 4:
         raise TrackingError(

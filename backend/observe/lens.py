@@ -56,6 +56,15 @@ def straighten(px: Points, lens: Lens, centre_px: Float[np.ndarray, "2"]) -> Poi
     return xy
 
 
+def bend_slopes(xy: Points, lens: Lens) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "n 2 5"]]:
+    """d(bend)/d(xy), and d(bend)/d(k1, k2, p1, p2, k3)."""
+    x, y = xy.T
+    r2 = x**2 + y**2
+    along_x = np.stack([x * r2, x * r2**2, 2 * x * y, r2 + 2 * x**2, x * r2**3], -1)
+    along_y = np.stack([y * r2, y * r2**2, r2 + 2 * y**2, 2 * x * y, y * r2**3], -1)
+    return _slope(xy, lens), np.stack([along_x, along_y], -2)
+
+
 def _slope(xy: Points, lens: Lens) -> Float[np.ndarray, "n 2 2"]:
     """d(bend)/d(xy)."""
     x, y = xy.T

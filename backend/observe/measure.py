@@ -13,6 +13,8 @@ import pandas as pd
 
 from backend.observe.account import summarise, warn_height, warn_marks
 from backend.observe.bed import Bed, read_bed
+from backend.observe.camera import write_camera
+from backend.observe.camera_in_clip import camera_in_clip, shared_error
 from backend.observe.detect import Detections, detect
 from backend.observe.dots import DotLook, learn_look
 from backend.observe.label import drawn_positions, label_dots
@@ -71,6 +73,7 @@ def track_video(
     if first is None:
         raise TrackingError(f"{video.name}: not one frame can be decoded (0 frames read). Copy it again.")
     height_px, width_px = first.luma.shape
+    camera = bed.camera
     bed, told = bed_in_picture(bed, first.luma)
     warnings += told
     view = view_in_picture(bed, width_px, height_px)
@@ -99,6 +102,12 @@ def track_video(
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
     summary = summarise(video, table, look, view, bed, slope, len(strangers), warnings, (width_px, height_px))
+    if camera:
+        posed = camera_in_clip(camera, bed, list(drawn), seen.px, (width_px, height_px))
+        error_m, tolerances = shared_error(posed, list(drawn), seen.px, 1 / video.frames_per_s)
+        summary["warnings"] += posed.notes[len(camera.notes) :]
+        write_camera(posed, out / "camera.json")
+        summary |= {"calibration_sd_m": error_m, "tolerances": tolerances}
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
     return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)

@@ -109,13 +109,20 @@ def calibrate(bed: Bed, width_px: int, height_px: int) -> AbstractView:
         if H is None or not np.isfinite(H).all():
             raise TrackingError("The bed marks fix no view of the bed; check their metres and their pixels.")
         return HomographyView(np.asarray(H, float), middle, bed.camera_height_m)
-    centre = middle if bed.lens.centre_px is None else np.array(bed.lens.centre_px)
+    return pose(bed, bed.lens, middle if bed.lens.centre_px is None else np.array(bed.lens.centre_px))
+
+
+def pose(bed: Bed, lens: Lens, centre_px: Float[np.ndarray, "2"]) -> PinholeView:
+    """Where a camera of this lens stands to see the bed's marks at their pixels.
+
+    Raises TrackingError where the marks allow no pose.
+    """
     flat = np.c_[bed.metres(), np.zeros(len(bed.marks))]
-    rays = straighten(bed.pixels(), bed.lens, centre)
+    rays = straighten(bed.pixels(), lens, centre_px)
     found, turn, t = cv2.solvePnP(flat, rays[:, None], np.eye(3), None)
     if not found or not np.isfinite(t).all():
         raise TrackingError("The bed marks fix no pose of the camera; check their metres, pixels and the lens.")
-    return PinholeView(bed.lens, centre, np.asarray(cv2.Rodrigues(turn)[0], float), np.ravel(t).astype(float))
+    return PinholeView(lens, centre_px, np.asarray(cv2.Rodrigues(turn)[0], float), np.ravel(t).astype(float))
 
 
 def view_in_picture(bed: Bed, width_px: int, height_px: int) -> AbstractView:

@@ -9,7 +9,7 @@ from backend.report.quantity import shown
 
 
 def camera_text(camera: Mapping[str, Any]) -> str:
-    """Focal length, centre and distortion with their standard deviations, misfit, views; then every note."""
+    """Focal length, centre and distortion with their standard deviations, misfit, views; pose; then every note."""
     sd = camera["sd"]
     width, height = camera["image_size_px"]
     lines = [
@@ -20,8 +20,22 @@ def camera_text(camera: Mapping[str, Any]) -> str:
     for name in ("k1", "k2", "p1", "p2", "k3"):
         spread = f"sd {shown(sd[name], 2)}" if sd[name] else "held at zero: the views do not show it"
         lines.append(f"  {name:<10} {shown(camera[name], 4)}, {spread}")
+    if pose := camera.get("pose"):
+        lines += _stands(pose)
     lines += [f"note: {sentence}" for sentence in camera["notes"]]
     return "\n".join(lines)
+
+
+def _stands(pose: Mapping[str, Any]) -> list[str]:
+    """Where the camera stood and how high the dots are, in millimetres."""
+    sd = [1e3 * max(row[i], 0.0) ** 0.5 for i, row in enumerate(pose["covariance"])][12:]
+    places = ", ".join(f"{1e3 * x:.1f}" for x in pose["position_m"])
+    lines = [f"  stands mm  {places}, sd {', '.join(shown(s, 2) for s in sd[:3])}"]
+    heights = [
+        f"{name} {1e3 * h:.2f} ({shown(s, 2)})"
+        for (name, h), s in zip(pose["marker_height_m"].items(), sd[3:], strict=True)
+    ]
+    return [*lines, f"  dots mm    above the bed (sd): {', '.join(heights)}"] if heights else lines
 
 
 def _pair(values: Any, spreads: Any) -> str:

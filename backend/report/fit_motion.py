@@ -37,7 +37,7 @@ def drawn_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motion
 def motion_under(run: Run, values: np.ndarray, own: np.ndarray, moving: Sequence[str]) -> Motion:
     """Poses of the named bodies in one experiment; values: at every free address; own: how it starts."""
     setting = run.setting
-    rates = own[run.mobility :] if run.moving else np.zeros(run.mobility)
+    rates = own[run.mobility : run.unknowns] if run.moving else np.zeros(run.mobility)
     model = with_values(setting.model, run.addresses, jnp.asarray(values))
     plant = system(model)
     start = begin(setting, model, plant, jnp.asarray(own[: run.mobility]), jnp.asarray(rates))

@@ -81,6 +81,22 @@ def test_the_trackers_own_columns_and_statuses_are_kept(study):
     assert tracks["frame"].tolist() == [0, 1, 2]
 
 
+PIXELS = "time_s,marker,x_px,y_px,cov_xx_px2,cov_xy_px2,cov_yy_px2\n0,tip,10,20,.01,0,.01\n.01,tip,11,21,.01,0,.01\n"
+
+
+def test_tracks_in_pixels_alone_are_read_where_their_camera_is_named(study, tmp_path):
+    (tmp_path / "camera.json").write_text("{}")
+
+    def spoil(document, tables):
+        tables["t.csv"] = PIXELS
+        document["experiments"][0]["camera"] = "camera.json"
+
+    (e1,) = study(spoil).experiments
+    assert e1.camera == tmp_path / "camera.json"
+    assert e1.tracks["x_px"].tolist() == [10, 11]
+    assert e1.tracks[["x_m", "y_m", "z_m", "sigma_m"]].isna().all(axis=None)
+
+
 def test_a_table_without_a_column_of_noise_leaves_it_to_be_estimated(study):
     table = "time_s,joint,q\n0,j1,0.1\n0.01,j1,0.2\n"
     found = study(lambda document, tables: tables.update({"q.csv": table}))
@@ -224,6 +240,8 @@ FAULTS = {
         lambda document, tables: document.update(mechanism="m.json"),
         ["m.json", "No such file"],
     ),
+    "pixels without a camera": (table("t.csv", PIXELS), ["t.csv: holds no place in metres", "camera.json"]),
+    "a camera that is no file": (experiment(camera="lens.json"), ["lens.json: is no file", "linktwin track"]),
     "another version": (
         lambda document, tables: document.update(schema_version="3.0"),
         ["3.0 is not supported"],

@@ -128,7 +128,7 @@ def test_a_camera_file_that_is_missing_or_none_is_refused(tmp_path):
     with pytest.raises(TrackingError, match=r"camera\.json cannot be read"):
         read_bed(bed)
     (tmp_path / "camera.json").write_text('{"focal_px": 3}')
-    with pytest.raises(TrackingError, match=r"camera\.json is no camera file \(image_size_px.*linktwin calibrate"):
+    with pytest.raises(TrackingError, match=r"camera\.json is no camera file \(focal_px.*linktwin calibrate"):
         read_bed(bed)
     with pytest.raises(TrackingError, match="both lens and camera"):
         read_bed({"lens": {"focal_px": 1000}, "camera": _plain(tmp_path)})
