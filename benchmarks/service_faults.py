@@ -94,7 +94,9 @@ def main() -> None:
     asked = parser.parse_args()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="linktwin-faults-")))
-        more: dict = {"database_url": stack.enter_context(postgres())} if asked.postgres else {}
+        more: dict = {"dead_after_s": Settings().dead_after_s}
+        if asked.postgres:
+            more["database_url"] = stack.enter_context(postgres())
         if asked.real:
             more["job_command"] = Settings().job_command
         settings = settings_in(folder, workers=asked.workers, **more)

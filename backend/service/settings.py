@@ -58,7 +58,8 @@ class Settings(BaseSettings):
     most_attempts: int = 20  # a job whose worker died so often is given up
     most_crashes: int = 3  # a job whose own process was killed so often is given up
     heartbeat_s: float = 1.0
-    dead_after_s: float = 10.0
+    dead_after_s: float = 30.0  # a worker silent so long has lost its jobs; one that ended is noticed at once
+    checkpoint_s: float = 5.0  # how often what a job keeps to go on from is copied to storage
     poll_s: float = 0.2  # how often a worker looks for jobs, for cancellations and for progress
 
     @property

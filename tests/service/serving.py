@@ -37,7 +37,8 @@ def until(what: str, look: Callable[[], Found | None]) -> Found:
 def settings_in(folder: Path, **more: Any) -> Settings:
     """Settings of a small, quick service whose jobs are stood in for."""
     quick = {
-        "data_folder": folder / "data", "poll_s": 0.1, "heartbeat_s": 0.3, "dead_after_s": 4.0, "port": 0, "workers": 2,
+        "data_folder": folder / "data", "port": 0, "workers": 2,
+        "poll_s": 0.1, "heartbeat_s": 0.3, "dead_after_s": 10.0,
         "job_command": (sys.executable, "-I", "-S", str(STAND_IN), str(folder / "ledger")),
         "requests_per_minute": 60_000, "request_burst": 10_000,
     }  # fmt: skip
@@ -52,6 +53,7 @@ class Served:
     client: httpx.Client
     folder: Path
     log: Path
+    web_start_s: float = 0.0  # what the web process took of a core until it answered
 
     def store(self, file: Path = FOURBAR) -> str:
         """Store a drawing; its id."""
@@ -107,6 +109,12 @@ class Served:
         return [pid for pid in pids if module in _command(pid)]
 
 
+def used_s(pid: int) -> float:
+    """User and system time of a process [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def _command(pid: int) -> list[str]:
     try:
         return Path(f"/proc/{pid}/cmdline").read_text().split("\0")
@@ -134,7 +142,9 @@ def serving(folder: Path, settings: Settings) -> Iterator[Served]:
         with httpx.Client(base_url=until("it listens", address), timeout=PATIENCE_S) as client:
             health = client.get("/health")
             assert health.status_code == 200, log.read_text()
-            yield Served(process, client, folder, log)
+            served = Served(process, client, folder, log)
+            served.web_start_s = used_s(*served.processes("backend.service.web"))
+            yield served
     finally:
         process.terminate()
         process.wait(20)

@@ -2,7 +2,8 @@
 
 LEDGER, then the arguments of `linktwin`.  Each start and each end is one line of the ledger.  What it does, the options
 of `simulate` say: --duration seconds of work in steps that are told; --solve=reduced fails; --threshold=0.5 dies of a
-signal once; --threshold=0.25 leaves a process of its own behind.
+signal once; --threshold=0.25 leaves a process of its own behind; --threshold=0.125 takes 100 MB.  `fit` keeps a
+checkpoint, dies of a signal, and goes on from it.
 """
 
 import json
@@ -31,6 +32,16 @@ if options.get("threshold") == "0.5" and began == 1:
 if options.get("threshold") == "0.25":
     left = subprocess.Popen([sys.executable, "-I", "-S", "-c", "import time; time.sleep(600)"])
     Path(f"{ledger}.left").write_text(str(left.pid))
+if options.get("threshold") == "0.125":
+    much = b"x" * 100_000_000
+if command == "fit":
+    checkpoint = out / "fit.checkpoint.json"
+    if "resume" not in options:
+        checkpoint.write_text("as far as the first half")
+        time.sleep(1.0)
+        os.kill(os.getpid(), signal.SIGKILL)
+    print(json.dumps({"went on from": checkpoint.read_text()}))
+    sys.exit(0)
 drawn = json.loads(Path(subject).read_text())["name"]
 print("words on the way", file=sys.stderr)
 for tenth in range(10):

@@ -15,8 +15,6 @@ from backend.service.records import StoredFile
 from backend.service.service import Service
 from backend.service.things import CHECKPOINT, drop_files, files_of, stored
 
-EVERY_S = 5.0
-
 
 class Checkpoints:
     """What a job's command keeps in its folder to go on from, copied away whenever it has changed."""
@@ -38,7 +36,7 @@ class Checkpoints:
 
     def copy(self) -> None:
         """Keep what changed since the last copy; not more often than every few seconds."""
-        if time.monotonic() - self._last < EVERY_S:
+        if time.monotonic() - self._last < self.service.settings.checkpoint_s:
             return
         self._last = time.monotonic()
         for name in CHECKPOINTS:

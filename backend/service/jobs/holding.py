@@ -72,15 +72,16 @@ def finish(
     return True
 
 
-def give_back(service: Service, claim: Claim, crashed: bool) -> None:
-    """Let the job be handed over again, from its last checkpoint."""
+def give_back(service: Service, claim: Claim, crashed: bool) -> bool:
+    """Let the job be handed over again, from its last checkpoint; False where the claim was lost."""
     with service.database.writing() as session:
         job = _locked(session, claim.job.id)
         if job is None or job.state != "running" or job.attempt != claim.attempt:
-            return
+            return False
         job.state, job.worker, job.handed_over, job.handovers = "queued", None, None, job.handovers + 1
         job.crashes += crashed
         session.add(job)
+    return True
 
 
 def alive(service: Service, session: Session) -> set[str]:

@@ -32,24 +32,29 @@ def carry_out(service: Service, id: str, worker: str, fit_to_work: Callable[[], 
     while True:
         try:
             mine = claim(service, id, worker)
-            break
         except HeldElsewhere:  # it ends, or dies and leaves the job to us
             time.sleep(service.settings.heartbeat_s)
-    if mine is None:
-        return
-    folder = service.settings.scratch / "jobs" / id / f"{mine.attempt}-{worker}"
+            continue
+        # To return is to say that the job needs nobody any more: not so when it was lost to another, who may yet die.
+        if mine is None or _in_a_folder(service, mine, worker, fit_to_work):
+            return
+
+
+def _in_a_folder(service: Service, mine: Claim, worker: str, fit_to_work: Callable[[], bool]) -> bool:
+    folder = service.settings.scratch / "jobs" / mine.job.id / f"{mine.attempt}-{worker}"
     for left in folder.parent.glob("*"):  # by attempts whose workers were killed
         shutil.rmtree(left, ignore_errors=True)
     folder.mkdir(parents=True)
     try:
-        _attempt(service, mine, folder, fit_to_work)
+        return _attempt(service, mine, folder, fit_to_work)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
         with suppress(OSError):  # another attempt's folder stands beside it
             folder.parent.rmdir()
 
 
-def _attempt(service: Service, mine: Claim, folder: Path, fit_to_work: Callable[[], bool]) -> None:
+def _attempt(service: Service, mine: Claim, folder: Path, fit_to_work: Callable[[], bool]) -> bool:
+    """One attempt; False where the job was lost on the way."""
     inputs, out = folder / "inputs", folder / "out"
     inputs.mkdir()
     out.mkdir()
@@ -58,8 +63,7 @@ def _attempt(service: Service, mine: Claim, folder: Path, fit_to_work: Callable[
         resume = checkpoints.restore()
         command = [*service.settings.job_command, *arguments(service, mine.job.request, inputs, out, resume)]
     except Problem as problem:
-        finish(service, mine, "failed", [], problem.detail, None)
-        return
+        return finish(service, mine, "failed", [], problem.detail, None)
 
     def stop() -> str | None:
         checkpoints.copy()
@@ -69,14 +73,15 @@ def _attempt(service: Service, mine: Claim, folder: Path, fit_to_work: Callable[
         command, folder, service.settings, lambda part, words: note_progress(service, mine, part, words), stop
     )  # fmt: skip
     if ended.stopped == LOST:
-        return  # whoever claimed it needs the checkpoints; those of a cancelled job are tidied up
+        return False  # whoever claimed it needs the checkpoints; those of a cancelled job are tidied up
     if resume and ended.code > 1 and "--resume" in complaint(folder):
         checkpoints.drop()  # written by another version: begin anew
-        give_back(service, mine, crashed=True)
-    elif ended.code < 0 and ended.stopped is None and mine.job.crashes + 1 < service.settings.most_crashes:
-        give_back(service, mine, crashed=True)
-    elif _publish(service, mine, folder, ended):
+        return give_back(service, mine, crashed=True)
+    if ended.code < 0 and ended.stopped is None and mine.job.crashes + 1 < service.settings.most_crashes:
+        return give_back(service, mine, crashed=True)
+    if published := _publish(service, mine, folder, ended):
         checkpoints.drop()
+    return published
 
 
 def _publish(service: Service, mine: Claim, folder: Path, ended: Ended) -> bool:

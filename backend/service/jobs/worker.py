@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from dbos import DBOS, SetWorkflowID
@@ -26,7 +27,7 @@ from backend.service.settings import Settings
 QUEUE = "jobs"
 VERSION = "1"  # of the workflow below: workers of another one leave its jobs alone
 TIDY_EVERY_S = 600.0
-AGAIN_EVERY_S = 30.0
+AGAIN_EVERY_S = 10.0
 
 _self: WorkerProcess  # of this process; a workflow is a plain function, found again by its name
 
@@ -62,8 +63,14 @@ class WorkerProcess:
                 time.sleep(self.service.settings.heartbeat_s)
 
     def is_fit(self) -> bool:
-        """Whether nobody can have taken this worker for dead yet."""
-        return time.monotonic() - self.last_beat < 0.8 * self.service.settings.dead_after_s
+        """True while nobody can have taken this worker for dead; after that the process ends here.
+
+        Its jobs must not seem done: others resume what a dead worker left unfinished, and nothing else.
+        """
+        if time.monotonic() - self.last_beat > 0.8 * self.service.settings.dead_after_s:
+            self.log.error("silent for too long, ending")
+            os._exit(1)
+        return True
 
     def run(self, parent: int) -> None:
         """Work until killed."""
@@ -89,7 +96,7 @@ class WorkerProcess:
                 with self.service.database.writing() as session:
                     mine = (col(Worker.id) == self.id, col(Worker.ended).is_(None))
                     found: Any = session.execute(update(Worker).where(*mine).values(beat=time.time()))
-                if not found.rowcount or not self.is_fit():
+                if not found.rowcount:
                     # Taken for dead, after a long stop: its jobs are others' by now, and its process is tied to it.
                     self.log.error("taken for dead, ending")
                     os._exit(1)
@@ -150,35 +157,41 @@ class WorkerProcess:
     def _resume_of_dead(self) -> None:
         """Put jobs back into the durable queue whose worker is dead."""
         with self.service.database.reading() as session:
-            living = alive(self.service, session)
-            ended = session.exec(select(Worker.id).where(col(Worker.ended).is_(None), col(Worker.id).not_in(living)))
-            if dead := list(ended):
-                self._bury(dead)
+            rows = list(session.exec(select(Worker).where(col(Worker.ended).is_(None))))
+        silent = time.time() - self.service.settings.dead_after_s
+        if dead := [row.id for row in rows if row.beat < silent or gone_from_here(row)]:
+            with self.service.database.writing() as session:  # for good: one that wakes up finds it, and ends
+                session.execute(update(Worker).where(col(Worker.id).in_(dead)).values(ended=time.time()))
+        living = {row.id for row in rows if row.id not in dead}
         for flow in DBOS.list_workflows(status="PENDING", load_input=False, load_output=False):
             if flow.executor_id not in living:
                 self.log.warning("resumed from a dead worker", job=flow.workflow_id, dead=flow.executor_id)
                 DBOS.resume_workflow(flow.workflow_id, queue_name=QUEUE)
 
-    def _bury(self, dead: list[str]) -> None:
-        """Say for good that workers are dead: one that wakes up finds it, and ends."""
-        silent = time.time() - self.service.settings.dead_after_s
-        with self.service.database.writing() as session:
-            session.execute(
-                update(Worker).where(col(Worker.id).in_(dead), col(Worker.beat) < silent).values(ended=time.time())
-            )
-
     def _hand_over_again(self) -> None:
-        """Jobs whose turn in the durable queue ended before any worker claimed them: an error there loses none."""
+        """Jobs that the durable queue holds for done, while their records say otherwise: an error there loses none."""
         with self.service.database.reading() as session:
-            long_ago = time.time() - AGAIN_EVERY_S
-            stuck = list(session.exec(select(Job).where(Job.state == "queued", col(Job.handed_over) < long_ago)))
+            living = alive(self.service, session)
+            left = (col(Job.state) == "queued") | (col(Job.state) == "running") & col(Job.worker).not_in(living)
+            stuck = list(session.exec(select(Job).where(left, col(Job.handed_over) < time.time() - AGAIN_EVERY_S)))
         for one in stuck:
             flow = DBOS.get_workflow_status(f"{one.id}.{one.handovers}")
             if flow is None or flow.status not in ("ENQUEUED", "PENDING", "DELAYED"):
                 self.log.warning("handed over again", job=one.id)
                 with self.service.database.writing() as session:
-                    same = (col(Job.id) == one.id, col(Job.handovers) == one.handovers, col(Job.state) == "queued")
-                    session.execute(update(Job).where(*same).values(handed_over=None, handovers=one.handovers + 1))
+                    same = (col(Job.id) == one.id, col(Job.handovers) == one.handovers, col(Job.state) == one.state)
+                    again = {"state": "queued", "worker": None, "handed_over": None, "handovers": one.handovers + 1}
+                    session.execute(update(Job).where(*same).values(**again))
+
+
+def gone_from_here(worker: Worker) -> bool:
+    """Whether a worker of this machine has no process any more: its heartbeat need not be waited for."""
+    if worker.host != socket.gethostname() or not Path("/proc/self/cmdline").exists():
+        return False
+    try:
+        return worker.id not in Path(f"/proc/{worker.pid}/cmdline").read_text().split("\0")
+    except OSError:
+        return True
 
 
 def main() -> None:

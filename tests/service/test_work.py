@@ -1,0 +1,227 @@
+"""A worker's work on one job, done in this process: real commands, limits, checkpoints, claims."""
+
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from backend.service.jobs.desk import cancel_job, find_job, job_files, job_report, list_jobs, start_job
+from backend.service.jobs.holding import HeldElsewhere, claim, finish, lost
+from backend.service.jobs.requests import FitRequest, SimulateRequest, TrackRequest
+from backend.service.jobs.work import carry_out
+from backend.service.mechanisms import store_mechanism_document
+from backend.service.problems import Problem
+from backend.service.records import Job, Worker
+from backend.service.retention import tidy_up
+from backend.service.service import LOCAL, open_service
+from backend.service.settings import Settings
+from backend.service.storage import Storage
+from backend.service.studies import store_study
+from backend.service.things import delete_thing, files_of, list_things
+from backend.service.videos import store_video
+from tests.service.serving import FOURBAR, settings_in, until
+from tests.service.test_routes import STUDY, TRACKS
+
+ME, ANOTHER = "this-worker", "another-worker"
+
+
+@pytest.fixture
+def opened(tmp_path):
+    def make(**settings):
+        return open_service(settings_in(tmp_path, **settings))
+
+    return make
+
+
+def simulation(service, **options):
+    drawing = store_mechanism_document(service, LOCAL, FOURBAR.read_bytes())
+    return start_job(service, LOCAL, SimulateRequest(kind="simulate", mechanism=drawing.id, **options))
+
+
+def done(service, job):
+    carry_out(service, job.id, ME, lambda: True)
+    return find_job(service, LOCAL, job.id)
+
+
+def test_a_clip_is_tracked_by_the_same_command_as_on_the_command_line(opened, tmp_path):
+    from tests.observe.scenes import film, four
+
+    clip = film(tmp_path / "clip.mp4", np.arange(20) / 240, four, [("base", "swing"), ("post", "wheel")])
+    service = opened(job_command=Settings().job_command)
+    video = store_video(service, LOCAL, clip.path)
+    drawing = store_mechanism_document(service, LOCAL, clip.mechanism.model_dump_json().encode())
+    asked = TrackRequest(kind="track", video=video.id, mechanism=drawing.id, bed=clip.bed)
+    job = done(service, start_job(service, LOCAL, asked))
+    assert job.state == "succeeded", job.message
+    assert {"tracks.csv", "preview.mp4", "report.json"} <= {file.path for file in job_files(service, LOCAL, job.id)}
+    told = json.dumps(job_report(service, LOCAL, job.id))
+    assert str(tmp_path) not in told  # nothing of this machine's folders
+    assert job.words  # the command told of its progress
+
+
+def test_a_study_that_cannot_be_fitted_fails_with_the_commands_own_sentence(opened, tmp_path):
+    service = opened(job_command=Settings().job_command)
+    files = {
+        "mechanism.json": FOURBAR.read_bytes(),
+        "e1.csv": TRACKS.encode(),
+        "study.json": json.dumps(STUDY).encode(),
+    }
+    laid = {}
+    for path, content in files.items():
+        laid[path] = tmp_path / path
+        laid[path].write_bytes(content)
+    study = store_study(service, LOCAL, laid)
+    job = done(service, start_job(service, LOCAL, FitRequest(kind="fit", study=study.id, free=["no_such_friction:*"])))
+    assert (job.state, job.exit_code) == ("failed", 2)
+    assert "no_such_friction" in job.message
+    assert str(tmp_path) not in job.message
+
+
+def test_a_fit_that_was_cut_off_goes_on_from_its_checkpoint_kept_in_an_object_store(opened, tmp_path):
+    service = opened(storage_url="memory://linktwin-test", checkpoint_s=0.1)
+    assert not service.storage.is_local
+    files = {
+        "mechanism.json": FOURBAR.read_bytes(),
+        "e1.csv": TRACKS.encode(),
+        "study.json": json.dumps(STUDY).encode(),
+    }
+    laid = {}
+    for path, content in files.items():
+        laid[path] = tmp_path / path
+        laid[path].write_bytes(content)
+    study = store_study(service, LOCAL, laid)
+    job = start_job(service, LOCAL, FitRequest(kind="fit", study=study.id, free=["coulomb_friction:*"]))
+    assert done(service, job).state == "queued"  # given back, because its process was killed
+    assert done(service, job).state == "succeeded"
+    assert job_report(service, LOCAL, job.id) == {"went on from": "as far as the first half"}
+    assert files_of(service, f"checkpoint:{job.id}") == []
+    assert "fit.checkpoint.json" not in {file.path for file in job_files(service, LOCAL, job.id)}
+
+
+@pytest.mark.parametrize(
+    ("limits", "options", "says"),
+    [
+        ({"job_timeout_s": 0.5}, {"duration_s": 60.0}, "above the limit of 0 s"),
+        (
+            {"job_memory_bytes": 50 * 2**20},
+            {"duration_s": 60.0, "threshold": 0.125},
+            "MiB of memory, above the limit of 50",
+        ),
+    ],
+    ids=["time", "memory"],
+)
+def test_a_job_beyond_its_limits_is_ended_with_the_reason(opened, limits, options, says):
+    service = opened(**limits)
+    job = done(service, simulation(service, **options))
+    assert job.state == "failed"
+    assert says in job.message
+
+
+def test_a_job_whose_process_is_always_killed_is_given_up(opened):
+    service = opened(most_crashes=1)
+    job = done(service, simulation(service, duration_s=0.1, threshold=0.5))
+    assert job.state == "failed"
+    assert "signal 9" in job.message
+
+
+def test_who_lost_a_claim_cannot_say_how_the_job_ended(opened):
+    service = opened()
+    job = simulation(service)
+    first = claim(service, job.id, ANOTHER)  # of a worker without a heartbeat
+    second = claim(service, job.id, ME)
+    assert (first.attempt, second.attempt) == (1, 2)
+    assert lost(service, first)
+    assert not finish(service, first, "failed", [], "late", 1)
+    assert finish(service, second, "succeeded", [], "", 0)
+    assert claim(service, job.id, ME) is None
+    assert find_job(service, LOCAL, job.id).state == "succeeded"
+
+
+def test_who_lost_a_job_to_another_stays_with_it_until_it_has_ended(opened):
+    # To return would tell the durable queue that the job is done, and nobody would resume it if the other died.
+    service = opened()
+    with service.database.writing() as session:
+        session.add(Worker(id=ANOTHER, host="here", pid=1))
+    job = simulation(service, duration_s=600.0)
+    late = threading.Thread(target=carry_out, args=(service, job.id, ME, lambda: True))
+    late.start()
+    until("it works", lambda: find_job(service, LOCAL, job.id).words)
+    taken = claim(service, job.id, ANOTHER)
+    folders = service.settings.scratch / "jobs"
+    until("the late one has dropped its work", lambda: not list(folders.glob("*/*")))
+    assert late.is_alive()
+    assert finish(service, taken, "succeeded", [], "", 0)
+    late.join(30)
+    assert not late.is_alive()
+    assert find_job(service, LOCAL, job.id).attempt == 2
+
+
+def test_a_job_held_by_a_living_worker_is_not_taken(opened):
+    service = opened(most_attempts=1)
+    with service.database.writing() as session:
+        session.add(Worker(id=ANOTHER, host="here", pid=1))
+    job = simulation(service)
+    claim(service, job.id, ANOTHER)
+    with pytest.raises(HeldElsewhere):
+        claim(service, job.id, ME)
+    with service.database.writing() as session:
+        session.get(Worker, ANOTHER).ended = time.time()
+    assert claim(service, job.id, ME) is None  # one attempt was all it was granted
+    assert "Given up" in find_job(service, LOCAL, job.id).message
+
+
+def test_a_cancelled_job_is_not_begun_and_one_whose_input_is_gone_says_so(opened):
+    service = opened()
+    cancelled, orphan = simulation(service), simulation(service)
+    cancel_job(service, LOCAL, cancelled.id)
+    assert done(service, cancelled).attempt == 0
+    with service.database.writing() as session:
+        row = session.get(Job, orphan.id)
+        row.request = {**row.request, "mechanism": "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"}
+        session.add(row)
+    assert "was deleted" in done(service, orphan).message
+
+
+def test_what_is_past_its_time_goes_and_takes_its_files_with_it(opened):
+    service = opened(retention_days=1.0)
+    old, young = simulation(service, duration_s=0.1), simulation(service, duration_s=0.1)
+    for job in (old, young):
+        assert done(service, job).state == "succeeded"
+    with service.database.writing() as session:
+        row = session.get(Job, old.id)
+        row.finished -= 2 * 86_400
+        session.add(row)
+    before = len(list(service.storage.written()))
+    tidy_up(service)
+    assert [job.id for job in list_jobs(service, LOCAL).rows] == [young.id]
+    assert len(list(service.storage.written())) == before - 2  # its report and its motion
+    for thing in list_things(service, LOCAL, "mechanism").rows:
+        delete_thing(service, LOCAL, "mechanism", thing.id)
+    assert len(list(service.storage.written())) == 2
+
+
+@pytest.mark.parametrize("url", ["file://{folder}/files", "memory://linktwin-storage"])
+def test_storage_keeps_bytes_whole_under_names_of_its_own(tmp_path, url):
+    storage = Storage(url.format(folder=tmp_path))
+    source = tmp_path / "source"
+    source.write_bytes(b"a" * 3_000_000)
+    kept = storage.put(source)
+    assert kept.bytes == 3_000_000
+    assert storage.read(kept.key) == source.read_bytes()
+    storage.bring(kept.key, tmp_path / "brought" / "here")
+    assert (tmp_path / "brought" / "here").read_bytes() == source.read_bytes()
+    assert kept.key in {key for key, _ in storage.written()}
+    storage.drop(kept.key)
+    storage.drop(kept.key)
+    assert kept.key not in {key for key, _ in storage.written()}
+    with pytest.raises(FileNotFoundError):
+        storage.read(kept.key)
+
+
+def test_a_job_for_a_thing_of_the_wrong_kind_is_refused(opened):
+    service = opened()
+    drawing = store_mechanism_document(service, LOCAL, FOURBAR.read_bytes())
+    with pytest.raises(Problem, match="no study"):
+        start_job(service, LOCAL, FitRequest(kind="fit", study=drawing.id, free=["coulomb_friction:*"]))
