@@ -57,7 +57,7 @@ def view(title: str, trail: Sequence[tuple[str, str]] = (), now: str = "") -> It
                 link(name, address, aria_current="page" if now == address else None)
             dark = button("Light / dark", None, "quiet", aria_label="Switch between light and dark")
             dark.on("click", js_handler=SWITCH)
-    with tag("main", look="page", id="content"):
+    with tag("div", look="page", id="content", tabindex="-1"):
         if trail:
             with tag("nav", look="trail", aria_label="Where you are"):
                 for name, address in trail:

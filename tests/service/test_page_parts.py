@@ -1,0 +1,77 @@
+"""Parts of the page that need no browser: releases read off tables, links that cannot be forged, planes of motion."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backend.mechanism.read import read_mechanism
+from backend.service.page.access import share_token, shared_job
+from backend.service.page.runs import kind_of, released
+from backend.service.page.stage import on_stage, plane_of_motion
+from backend.service.problems import Problem
+from backend.service.records import Job
+from backend.service.service import open_service
+from tests.service.serving import settings_in
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+MEASURED = SAMPLES / "pendulum" / "measured"
+
+
+@pytest.mark.parametrize("run", ["low", "middle", "high", "far"])
+def test_the_release_is_read_off_the_first_motion(run):
+    found = released(MEASURED / f"{run}.csv", "tracks")
+    assert found == pytest.approx(0.25, abs=0.05)  # three frames of 60 a second: the first way hides in the noise
+
+
+def test_a_run_that_starts_in_motion_has_no_release(tmp_path):
+    t = np.arange(60) / 60.0
+    rows = [f"{at:.6f},tip,{np.sin(3 * at):.6f},0,0" for at in t]
+    (tmp_path / "moving.csv").write_text("time_s,marker,x_m,y_m,z_m\n" + "\n".join(rows))
+    assert released(tmp_path / "moving.csv", "tracks") is None
+
+
+def test_a_table_of_another_kind_is_refused_with_what_is_taken(tmp_path):
+    (tmp_path / "odd.csv").write_text("frame,left,right\n1,2,3\n")
+    with pytest.raises(Problem, match=r"frame, left, right.*linktwin convert"):
+        kind_of(tmp_path / "odd.csv", "odd.csv")
+
+
+def test_a_shared_link_opens_its_own_result_alone(tmp_path):
+    settings = settings_in(tmp_path)
+    settings.data_folder.mkdir()
+    service = open_service(settings)
+    try:
+        with service.database.writing() as session:
+            jobs = [Job(owner="someone", kind="fit", request={}) for _ in range(2)]
+            session.add_all(jobs)
+            ids = [job.id for job in jobs]
+        token = share_token(service, ids[0])
+        assert shared_job(service, ids[0], token).id == ids[0]
+        for id, forged in ((ids[1], token), (ids[0], token[:-1]), (ids[0], ""), (ids[0], "é" * 32)):
+            with pytest.raises(Problem, match="cut short"):
+                shared_job(service, id, forged)
+        assert (settings.data_folder / "share.key").stat().st_mode & 0o077 == 0
+    finally:
+        service.close()
+
+
+@pytest.mark.parametrize(
+    ("sample", "plane"), [("fourbar", "xz"), ("slider_crank", "xz"), ("scissor", "xy"), ("bennett", None)]
+)
+def test_the_plane_of_motion_is_seen(sample, plane):
+    normal = plane_of_motion(read_mechanism(SAMPLES / sample / "mechanism.json"))
+    if plane is None:
+        assert normal is None
+        return
+    assert normal is not None
+    np.testing.assert_allclose(np.abs(normal), {"xz": [0, 1, 0], "xy": [0, 0, 1]}[plane], atol=1e-9)  # as drawn
+
+
+def test_a_mesh_that_was_not_sent_is_not_asked_for():
+    mechanism = read_mechanism(SAMPLES / "fourbar" / "mechanism.json")
+    drawn = on_stage(mechanism, lambda uri: None if "crank" in uri else f"/files/{uri}")
+    meshes = {body["id"]: body["meshes"] for body in drawn["bodies"]}
+    assert meshes["crank"] == []
+    assert meshes["rocker"] == [{"url": "/files/meshes/rocker.stl", "scale_to_m": 0.001}]
+    assert all(len(body["points_m"]) >= 2 for body in drawn["bodies"])  # so that it can be drawn as a bar
