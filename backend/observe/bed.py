@@ -1,7 +1,7 @@
 """The bed as the user describes it: printed marks, the plane they lie in, and what is known of the camera.
 
 The bed file is JSON: either the list of marks alone, or an object with `marks` or `tags` and any of `plane`,
-`lens` or `camera`, `camera_height_m` and `marker_height_m`.
+`lens` or `camera`, `camera_height_m`, `marker_height_m` and `readout_s`.
 """
 
 from __future__ import annotations
@@ -83,6 +83,7 @@ class Bed(Described):
     tags: marks that are found in the first picture by themselves.  camera: what `linktwin calibrate` saved, in
     place of lens.  camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots above the
     plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None.
+    readout_s: from the first row of a picture to the last, of a rolling shutter.
     """
 
     marks: tuple[BedMark, ...] = ()
@@ -92,6 +93,7 @@ class Bed(Described):
     camera: Camera | None = None
     camera_height_m: Annotated[Number, Field(gt=0)] | None = None
     marker_height_m: Number | dict[str, Number] | None = None
+    readout_s: Annotated[Number, Field(ge=0, lt=0.1)] = 0.0
 
     @model_validator(mode="after")
     def _one_lens(self) -> Bed:

@@ -95,7 +95,7 @@ def track_video(
     finally:
         if painter:
             painter.close()
-    table = place(seen, list(drawn), look, view, bed, heights, GREATEST_ACCELERATION / slope, coast_s)
+    table = place(seen, list(drawn), look, view, bed, heights, GREATEST_ACCELERATION / slope, coast_s, height_px)
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
     summary = summarise(video, table, look, view, bed, slope, len(strangers), warnings, (width_px, height_px))

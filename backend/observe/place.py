@@ -85,13 +85,17 @@ def place(
     heights_m: Float[np.ndarray, "marker"],
     acceleration_px_per_s2: float,
     coast_s: float,
+    rows: int,
 ) -> pd.DataFrame:
     """The table of tracks: every point on the bed, with the deviation that its pixels' covariance gives it.
 
     heights_m: of each marker above the marks' plane.  coast_s: gaps up to this long hold predictions, whose
-    error is a third of the distance that the greatest acceleration would have carried the dot.
+    error is a third of the distance that the greatest acceleration would have carried the dot.  rows: of a
+    picture; a point is as late as its row is read.
     """
     times, px, status = seen.times_s, seen.px.copy(), seen.status
+    row = np.where(np.isfinite(px[..., 1]), px[..., 1], seen.expected_px[..., 1]) / (rows - 1)
+    own_s = times[:, None] + bed.readout_s * np.clip(row, 0, 1)
     cov = point_covariance(times, px, seen.cov_px2, status == "observed")
     # A dot of which half is covered has its centroid 0.42 radii off.
     cov[status == "outlier"] += (0.5 * look.radius_px) ** 2 * np.eye(2)
@@ -103,7 +107,7 @@ def place(
         drift = COAST_SHARE * 0.5 * acceleration_px_per_s2 * gap[fill] ** 2
         cov[fill] = (drift**2 + 1.0)[:, None, None] * np.eye(2)
     world, sigma = in_world(px, cov, view, bed, heights_m)
-    return tracks_table(names, times, seen.frames, world, sigma, px, cov, status)
+    return tracks_table(names, own_s, seen.frames, world, sigma, px, cov, status)
 
 
 def in_world(
