@@ -28,7 +28,7 @@ class DotLook:
 
     neutral: (cb, cr) of the bed.  hue_rad, saturation: polar colour difference from it [rad, codes].
     area_px: coloured area [px^2].  radius_px, ring_px: edge of the dot, and of its ring or what serves as one.
-    weight: the luma-weighted area of a whole dot [px^2].
+    weight: the luma-weighted area of a whole dot [px^2].  uneven: how unlike its two sides are, by noise.
     """
 
     neutral: tuple[float, float]
@@ -38,6 +38,7 @@ class DotLook:
     radius_px: float
     ring_px: float
     weight: float = 0.0
+    uneven: float = 0.02
 
     @property
     def window_px(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,16 @@ import pandas as pd
 
 from backend.observe.account import summarise, warn_height, warn_marks
 from backend.observe.bed import Bed, read_bed
-from backend.observe.detect import Detections, detect
+from backend.observe.detect import Detections, detect, learn_whole
 from backend.observe.dots import DotLook, learn_look
+from backend.observe.follow_bed import BedWatch, settle
+from backend.observe.kinematics import kinematics_of
 from backend.observe.label import drawn_positions, label_dots
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import view_in_picture
 from backend.observe.seen_bed import bed_in_picture
-from backend.observe.track import ConstantVelocity, Tracker
+from backend.observe.track import ConstantVelocity, Linked, Predictor, Tracker
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame, Video
 from backend.observe.write import write_tracks
@@ -80,7 +82,7 @@ def track_video(
     look = learn_look(first, len(drawn), np.array([*clicks.values()], float).reshape(-1, 2))
     found = detect(first, look)
     named = label_dots(dict(zip(drawn, expected, strict=True)), found.px, 2 * look.ring_px, clicks)
-    look = replace(look, weight=float(np.median(found.weight[list(named.values())])))
+    look = learn_whole(look, found, list(named.values()))
     found = detect(first, look)
     strangers = np.setdiff1d(np.arange(len(found)), list(named.values()))
     if len(strangers):
@@ -91,11 +93,22 @@ def track_video(
     painter = Preview(preview_path, video.frames_per_s, (width_px, height_px)) if preview_path else None
     order = np.r_[list(named.values()), strangers].astype(int)
     try:
-        seen = _follow(first, pictures, found, order, look, list(drawn), slope, painter, progress, video.frame_count)
+        each = ConstantVelocity(first.time_s, found.px[order], GREATEST_ACCELERATION / slope)
+        at = view.metres(found.px[order[: len(drawn)]], heights)
+        together = kinematics_of(mechanism, bed.plane, first.time_s, at)
+        predictor = Linked(each, together, view, heights) if together else each
+        watch = BedWatch(bed.pixels(), first.luma, video.frame_count)
+        seen = _follow(
+            first, pictures, found, order, look, list(drawn), predictor, watch, painter, progress, video.frame_count
+        )
     finally:
         if painter:
             painter.close()
-    table = place(seen, list(drawn), look, view, bed, heights, GREATEST_ACCELERATION / slope, coast_s, height_px)
+    bed, shaken = settle(bed, watch.result(), seen.times_s, (width_px, height_px))
+    view = view_in_picture(bed, width_px, height_px)
+    table = place(seen, list(drawn), look, view, bed, heights, coast_s, height_px, shaken)
+    if shaken:
+        warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
     summary = summarise(video, table, look, view, bed, slope, len(strangers), warnings, (width_px, height_px))
@@ -119,29 +132,25 @@ def _follow(
     order: np.ndarray,
     look: DotLook,
     names: list[str],
-    slope: float,
+    predictor: Predictor,
+    watch: BedWatch,
     painter: Preview | None,
     progress: Callable[[int, int], None] | None,
     count: int,
 ) -> Record:
     """Carry the names of the first picture through the clip; `order` lists each dot's first detection."""
-    own, start = len(names), found.px[order]
-    tracker = Tracker(
-        ConstantVelocity(first.time_s, start),
-        first.time_s,
-        len(order),
-        1.5 * look.ring_px,
-        GREATEST_ACCELERATION / slope,
-    )
+    own = len(names)
+    tracker = Tracker(predictor, len(order), 1.5 * look.ring_px)
     seen = Record(count, own)
     frame: Frame | None = first
     while frame is not None:
         if frame is first:
-            index, expected = order, start
+            index, (expected, reach) = order, (found.px[order], np.zeros(len(order)))
         else:
             found = detect(frame, look)
-            index, expected = tracker.follow(frame.time_s, found)
-        seen.add(frame.time_s, frame.index, index[:own], found, expected[:own])
+            index, (expected, reach) = tracker.follow(frame.time_s, found)
+        watch.look(frame.luma)
+        seen.add(frame.time_s, frame.index, index[:own], found, expected[:own], reach[:own])
         if painter:
             shown = np.where(index[:own, None] >= 0, seen.px[-1], expected[:own])
             painter.show(frame, names, shown, seen.status[-1].tolist(), look.ring_px)
