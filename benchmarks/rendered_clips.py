@@ -3,7 +3,7 @@
 `python -m benchmarks.rendered_clips [WORDS] [--ways kit,plain,...]`: clips whose name holds one of the words, or all ten.
 Rendering takes a minute a clip and is done once (out/rendered_clips); measuring takes seconds.  Errors are distances on
 the bed at each point's own time, 0.5 mm a pixel, of points called observed; a swap is a point nearer to another marker's
-place than to its own; NEES is the mean squared error over sigma squared, per coordinate: 1 where sigma is honest.
+place than to its own; NEES is the mean squared error per coordinate over sigma_m² + calibration_sd_m²: 1 where both are honest.
 """
 
 import argparse
@@ -31,6 +31,7 @@ def score(clip: Clip, tracks: pd.DataFrame) -> dict[str, float]:
     own = away[np.arange(len(order)), order]
     seen = placed & (tracks.status.eq("observed").to_numpy() if "status" in tracks else True)
     sigma = tracks.sigma_m.to_numpy() if "sigma_m" in tracks else np.full(len(tracks), np.nan)
+    sigma = np.hypot(sigma, tracks.attrs.get("shared_m", 0.0))
     mm = 1e3 * own[seen]
     return {
         "median": float(np.median(mm)),
@@ -46,11 +47,9 @@ def tracked(clip: Clip, folder: Path, **known: object) -> pd.DataFrame:
     """Our tracks of a clip."""
     from backend.observe.measure import track_video
 
-    targets = None
-    if clip.scene.target == "tag":
-        targets = {name: FIRST_TARGET_TAG + k for k, name in enumerate(clip.filmed.markers)}
     with tempfile.TemporaryDirectory() as out:
         result = track_video(clip.made(folder), clip.filmed.mechanism, bed(clip) | known, out_dir=out, preview=False)
+    result.tracks.attrs["shared_m"] = result.summary["calibration_sd_m"]
     return result.tracks
 
 

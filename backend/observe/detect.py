@@ -14,9 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from backend.observe.dots import ANGLES, DotLook, colour_mask, find_blobs, radial_profile
+from backend.observe.rim import fit_rims
 from backend.observe.video import Frame
 
 Patch = Float[np.ndarray, "n k k"]
+LEAST_RIM = 0.8  # of a bare dot's rim must be seen
 PASSES = 3  # the window follows the centroid; it moves less than 0.001 px in a fourth
 UNEVEN = 0.06  # of the contrast, over what the clip's dots usually show: a whole dot, still or blurred by its motion, looks alike from both sides
 QUIET = 0.08  # ring pixels this near to the ring's level carry noise, not the dot
@@ -48,7 +50,18 @@ def detect(frame: Frame, look: DotLook) -> Detections:
     margin = look.ring_px + 2
     inside = ((blobs.px > margin) & (blobs.px < np.array([width, height]) - 1 - margin)).all(1)
     sized = (blobs.area_px > 0.35 * look.area_px) & (blobs.area_px < 2.5 * look.area_px)
-    return weigh(frame.luma, blobs.px[inside & sized], look)
+    found = weigh(frame.luma, blobs.px[inside & sized], look)
+    return found if look.ringed or not len(found) else _bare(frame.luma, found, look)
+
+
+def _bare(luma: np.ndarray, found: Detections, look: DotLook) -> Detections:
+    """Dots without a ring: the mean of centroid and rim, which the surroundings mislead each in its own way."""
+    rim, cov, share = fit_rims(luma, found.px, look)
+    apart = rim - found.px
+    near = np.hypot(*apart.T) < 0.3 * look.radius_px
+    px = np.where(near[:, None], found.px + 0.5 * apart, found.px)
+    spread = 0.25 * np.einsum("ni,nj->nij", apart, apart)
+    return replace(found, px=px, cov_px2=cov + spread, whole=near & (share > LEAST_RIM))
 
 
 def learn_whole(look: DotLook, found: Detections, which: list[int]) -> DotLook:

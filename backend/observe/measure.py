@@ -22,6 +22,7 @@ from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import view_in_picture
 from backend.observe.seen_bed import bed_in_picture
+from backend.observe.shared_error import shared_error_m
 from backend.observe.track import ConstantVelocity, Linked, Predictor, Tracker
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame, Video
@@ -73,6 +74,7 @@ def track_video(
     if first is None:
         raise TrackingError(f"{video.name}: not one frame can be decoded (0 frames read). Copy it again.")
     height_px, width_px = first.luma.shape
+    given = bed.camera
     bed, told = bed_in_picture(bed, first.luma)
     warnings += told
     view = view_in_picture(bed, width_px, height_px)
@@ -106,12 +108,15 @@ def track_video(
             painter.close()
     bed, shaken = settle(bed, watch.result(), seen.times_s, (width_px, height_px))
     view = view_in_picture(bed, width_px, height_px)
-    table = place(seen, list(drawn), look, view, bed, heights, coast_s, height_px, shaken)
+    bodies = [marker.body for marker in mechanism.markers]
+    table = place(seen, list(drawn), look, view, bed, heights, coast_s, height_px, bodies, shaken)
     if shaken:
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
-    summary = summarise(video, table, look, view, bed, slope, len(strangers), warnings, (width_px, height_px))
+    some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
+    shared_m = shared_error_m(bed, given, view, seen.px[tuple(some.T)], heights[some[:, 1]], (width_px, height_px))
+    summary = summarise(video, table, look, view, bed, slope, len(strangers), warnings, shared_m)
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
     return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)

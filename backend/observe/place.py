@@ -13,6 +13,7 @@ from backend.observe.detect import Detections
 from backend.observe.dots import DotLook
 from backend.observe.follow_bed import ShakenView
 from backend.observe.project import AbstractView
+from backend.observe.stretch import stretch_factor
 from backend.observe.uncertainty import point_covariance
 from backend.observe.write import tracks_table
 
@@ -93,12 +94,14 @@ def place(
     heights_m: Float[np.ndarray, "marker"],
     coast_s: float,
     rows: int,
+    bodies: Sequence[str],
     shaken: ShakenView | None = None,
 ) -> pd.DataFrame:
     """The table of tracks: every point on the bed, with the deviation that its pixels' covariance gives it.
 
     heights_m: of each marker above the marks' plane.  coast_s: gaps up to this long hold predictions, with the
-    deviation that they were made with.  rows: of a picture; a point is as late as its row is read.  shaken: the views of a camera that moved.
+    deviation that they were made with.  rows: of a picture; a point is as late as its row is read.  bodies: what carries each marker.
+    shaken: the views of a camera that moved.
     """
     times, px, status = seen.times_s, seen.px.copy(), seen.status
     row = np.where(np.isfinite(px[..., 1]), px[..., 1], seen.expected_px[..., 1]) / (rows - 1)
@@ -116,7 +119,17 @@ def place(
     if shaken:
         f, m = np.nonzero(np.isfinite(px[..., 0]))
         world[f, m] = bed.plane.to_world(shaken.metres(px[f, m], heights_m[m], f, own_s[f, m]))
+    sigma, cov = _unstretched(world, sigma, cov, status, bodies, bed)
     return tracks_table(names, own_s, seen.frames, world, sigma, px, cov, status)
+
+
+def _unstretched(
+    world: np.ndarray, sigma: np.ndarray, cov: np.ndarray, status: np.ndarray, bodies: Sequence[str], bed: Bed
+) -> tuple[np.ndarray, np.ndarray]:
+    """Deviations and covariances made as large as the distances of dots on one bar say they are."""
+    at = np.where((status == "observed")[..., None], bed.plane.from_world(np.nan_to_num(world))[..., :2], np.nan)
+    factor = stretch_factor(at, sigma, bodies)
+    return np.sqrt(factor) * sigma, factor * cov
 
 
 def in_world(
