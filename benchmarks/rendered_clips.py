@@ -1,9 +1,11 @@
-"""What tracking is worth, end to end: ten rendered clips with truth, measured four ways.
+"""What tracking is worth, end to end: ten rendered clips with truth, measured in several ways.
 
-`python -m benchmarks.rendered_clips [WORDS] [--ways kit,plain,...]`: clips whose name holds one of the words, or all ten.
-Rendering takes a minute a clip and is done once (out/rendered_clips); measuring takes seconds.  Errors are distances on
-the bed at each point's own time, 0.5 mm a pixel, of points called observed; a swap is a point nearer to another marker's
-place than to its own; NEES is the mean squared error per coordinate over sigma_m² + calibration_sd_m²: 1 where both are honest.
+`python -m benchmarks.rendered_clips [WORDS] [--ways kit,plain,paper]`: clips whose name holds one of the words, or all.
+Rendering takes a minute or two a clip and is done once (out/rendered_clips); measuring takes seconds.
+
+Errors are distances on the bed at each point's own time, at 0.5 mm a pixel, of points called observed.  A swap is a
+point nearer to another marker's place than to its own.  NEES is the mean squared error per coordinate over
+sigma_m² + calibration_sd_m²: 1 where both are honest.
 """
 
 import argparse
@@ -47,8 +49,12 @@ def tracked(clip: Clip, folder: Path, **known: object) -> pd.DataFrame:
     """Our tracks of a clip."""
     from backend.observe.measure import track_video
 
+    tagged = clip.scene.target == "tag"
+    targets = {m: FIRST_TARGET_TAG + k for k, m in enumerate(clip.filmed.markers)} if tagged else None
     with tempfile.TemporaryDirectory() as out:
-        result = track_video(clip.made(folder), clip.filmed.mechanism, bed(clip) | known, out_dir=out, preview=False)
+        result = track_video(
+            clip.made(folder), clip.filmed.mechanism, bed(clip) | known, out_dir=out, targets=targets, preview=False
+        )
     result.tracks.attrs["shared_m"] = result.summary["calibration_sd_m"]
     return result.tracks
 

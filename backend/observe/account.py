@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from backend.observe.bed import Bed
-from backend.observe.dots import DotLook
 from backend.observe.project import AbstractView, mark_residuals_px, parallax_per_height
+from backend.observe.targets import Targets
 from backend.observe.video import Video
 
 UNKNOWN_HEIGHT_M = 0.005  # the example height of a warning: a bar's thickness
@@ -71,29 +71,29 @@ def status_counts(tracks: pd.DataFrame) -> dict[str, dict[str, Any]]:
 def summarise(
     video: Video,
     tracks: pd.DataFrame,
-    look: DotLook,
+    targets: Targets,
     view: AbstractView,
     bed: Bed,
     metres_per_px: float,
-    strangers: int,
     warnings: list[str],
     calibration_sd_m: float,
 ) -> dict[str, Any]:
     """Plain JSON values: frames and rate, status counts per marker, sigma, calibration, warnings."""
     seen = tracks[tracks.status == "observed"]
+    look = targets.look
     return {
         "video": video.name,
         "frames": int(tracks.frame.nunique()),
         "frames_per_s": video.frames_per_s,
         "duration_s": float(tracks.time_s.max() - tracks.time_s.min()),
         "metres_per_px": float(metres_per_px),
-        "dot_radius_px": look.radius_px,
-        "dot_hue_deg": float(np.rad2deg(look.hue_rad)),
+        "dot_radius_px": targets.radius_px if look else None,
+        "dot_hue_deg": float(np.rad2deg(look.hue_rad)) if look else None,
         "sigma_m": float(seen.sigma_m.median()),
         "mark_residual_px": float(np.sqrt((mark_residuals_px(bed, view) ** 2).mean())),
         "calibration_sd_m": calibration_sd_m,
         "markers": status_counts(tracks),
-        "dots_not_drawn": strangers,
+        "dots_not_drawn": len(targets.order) - tracks.marker.nunique(),
         "truncated": video.truncated,
         "warnings": warnings,
     }

@@ -20,7 +20,8 @@ from backend.observe.video import Frame
 Patch = Float[np.ndarray, "n k k"]
 LEAST_RIM = 0.8  # of a bare dot's rim must be seen
 PASSES = 3  # the window follows the centroid; it moves less than 0.001 px in a fourth
-UNEVEN = 0.06  # of the contrast, over what the clip's dots usually show: a whole dot, still or blurred by its motion, looks alike from both sides
+# A whole dot, still or blurred by its motion, looks alike from both sides.
+UNEVEN = 0.06  # of the contrast, over what the clip's dots usually show
 QUIET = 0.08  # ring pixels this near to the ring's level carry noise, not the dot
 
 

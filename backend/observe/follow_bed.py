@@ -72,7 +72,11 @@ class ShakenView:
     views: tuple[AbstractView, ...]
 
     def metres(
-        self, px: Float[np.ndarray, "n 2"], height_m: Float[np.ndarray, "n"], frame: Int[np.ndarray, "n"], time_s: np.ndarray
+        self,
+        px: Float[np.ndarray, "n 2"],
+        height_m: Float[np.ndarray, "n"],
+        frame: Int[np.ndarray, "n"],
+        time_s: np.ndarray,
     ) -> Float[np.ndarray, "n 2"]:
         """Bed coordinates [m] of points seen in a frame at times of their own, between two of the poses."""
         late = time_s - self.times_s[frame]

@@ -54,7 +54,11 @@ class FlatMechanism:
             axis = direction(joint.body_a, joint.frame_a)
             along = abs(float(axis @ normal))
             kind = joint.type
-            if kind not in FLAT_TYPES or (kind == "revolute" and along < 0.999) or (kind == "prismatic" and along > 1e-3):
+            if (
+                kind not in FLAT_TYPES
+                or (kind == "revolute" and along < 0.999)
+                or (kind == "prismatic" and along > 1e-3)
+            ):
                 self.flat = False
                 return
             a, b = index.get(joint.body_a, -1), index.get(joint.body_b, -1)
@@ -180,9 +184,7 @@ class Kinematics:
         return start + (cov @ b).reshape(count, 3), cov.reshape(count, 3, count, 3)
 
 
-def kinematics_of(
-    mechanism: Any, plane: Plane, time_s: float, seen_m: np.ndarray
-) -> Kinematics | None:
+def kinematics_of(mechanism: Any, plane: Plane, time_s: float, seen_m: np.ndarray) -> Kinematics | None:
     """A predictor for a mechanism that moves in the bed's plane and stands as drawn; None for any other."""
     flat = FlatMechanism(mechanism, plane)
     if not flat.flat or not flat.ids:

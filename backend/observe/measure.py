@@ -13,17 +13,16 @@ import pandas as pd
 
 from backend.observe.account import summarise, warn_height, warn_marks
 from backend.observe.bed import Bed, read_bed
-from backend.observe.detect import Detections, detect, learn_whole
-from backend.observe.dots import DotLook, learn_look
 from backend.observe.follow_bed import BedWatch, settle
 from backend.observe.kinematics import kinematics_of
-from backend.observe.label import drawn_positions, label_dots
+from backend.observe.label import drawn_positions
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import view_in_picture
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.shared_error import shared_error_m
-from backend.observe.track import ConstantVelocity, Linked, Predictor, Tracker
+from backend.observe.targets import DotTargets, TagTargets, Targets, read_targets
+from backend.observe.track import ConstantVelocity, Linked
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame, Video
 from backend.observe.write import write_tracks
@@ -49,6 +48,7 @@ def track_video(
     *,
     out_dir: str | Path,
     clicks: Mapping[str, Sequence[float]] | str | Path | None = None,
+    targets: Mapping[str, int] | str | Path | None = None,
     keep_truncated: bool = False,
     coast_s: float = 0.0,
     preview: bool = True,
@@ -58,6 +58,7 @@ def track_video(
 
     mechanism: backend.mechanism's drawing, of which markers and body poses are used.
     bed_marks: see backend.observe.bed.  clicks: marker -> (x, y) [px] in the first picture, or a JSON file.
+    targets: marker -> number of the tag that it carries in place of a dot, or a JSON file.
     keep_truncated: measure the readable part of a file that ends too early.
     coast_s: fill gaps up to this long with predictions, marked `predicted`; without it a hidden dot has no
     coordinates.  progress: called with (frames done, frames in all).
@@ -81,42 +82,36 @@ def track_video(
     on_bed = bed.plane.from_world(np.array(list(drawn.values())))[:, :2]
     expected = view.pixels(on_bed, heights)
     clicks = _read_clicks(clicks)
-    look = learn_look(first, len(drawn), np.array([*clicks.values()], float).reshape(-1, 2))
-    found = detect(first, look)
-    named = label_dots(dict(zip(drawn, expected, strict=True)), found.px, 2 * look.ring_px, clicks)
-    look = learn_whole(look, found, list(named.values()))
-    found = detect(first, look)
-    strangers = np.setdiff1d(np.arange(len(found)), list(named.values()))
-    if len(strangers):
-        warnings.append(f"{len(strangers)} more dots are seen than are drawn; they were followed apart.")
+    tags = read_targets(targets, list(drawn))
+    on_pins = TagTargets(first, tags) if tags else DotTargets(first, dict(zip(drawn, expected, strict=True)), clicks)
+    if on_pins.strangers:
+        warnings.append(f"{on_pins.strangers} more dots are seen than are drawn; they were followed apart.")
     slope = np.abs(np.linalg.det(view.slope(expected, heights))).mean() ** 0.5  # metres per pixel
     out.mkdir(parents=True, exist_ok=True)
     preview_path = out / "preview.mp4" if preview else None
     painter = Preview(preview_path, video.frames_per_s, (width_px, height_px)) if preview_path else None
-    order = np.r_[list(named.values()), strangers].astype(int)
+    start_px = on_pins.found.px[on_pins.order]
+    each = ConstantVelocity(first.time_s, start_px, GREATEST_ACCELERATION / slope)
+    at = view.metres(start_px[: len(drawn)], heights)
+    together = kinematics_of(mechanism, bed.plane, first.time_s, at)
+    on_pins.start(Linked(each, together, view, heights) if together else each)
+    watch = BedWatch(bed.pixels(), first.luma, video.frame_count)
     try:
-        each = ConstantVelocity(first.time_s, found.px[order], GREATEST_ACCELERATION / slope)
-        at = view.metres(found.px[order[: len(drawn)]], heights)
-        together = kinematics_of(mechanism, bed.plane, first.time_s, at)
-        predictor = Linked(each, together, view, heights) if together else each
-        watch = BedWatch(bed.pixels(), first.luma, video.frame_count)
-        seen = _follow(
-            first, pictures, found, order, look, list(drawn), predictor, watch, painter, progress, video.frame_count
-        )
+        seen = _follow(first, pictures, on_pins, list(drawn), watch, painter, progress, video.frame_count)
     finally:
         if painter:
             painter.close()
     bed, shaken = settle(bed, watch.result(), seen.times_s, (width_px, height_px))
     view = view_in_picture(bed, width_px, height_px)
     bodies = [marker.body for marker in mechanism.markers]
-    table = place(seen, list(drawn), look, view, bed, heights, coast_s, height_px, bodies, shaken)
+    table = place(seen, list(drawn), on_pins.radius_px, view, bed, heights, coast_s, height_px, bodies, shaken)
     if shaken:
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
     some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
     shared_m = shared_error_m(bed, given, view, seen.px[tuple(some.T)], heights[some[:, 1]], (width_px, height_px))
-    summary = summarise(video, table, look, view, bed, slope, len(strangers), warnings, shared_m)
+    summary = summarise(video, table, on_pins, view, bed, slope, warnings, shared_m)
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
     return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)
@@ -133,32 +128,27 @@ def _read_clicks(clicks: Mapping[str, Sequence[float]] | str | Path | None) -> d
 def _follow(
     first: Frame,
     pictures: Any,
-    found: Detections,
-    order: np.ndarray,
-    look: DotLook,
+    targets: Targets,
     names: list[str],
-    predictor: Predictor,
     watch: BedWatch,
     painter: Preview | None,
     progress: Callable[[int, int], None] | None,
     count: int,
 ) -> Record:
-    """Carry the names of the first picture through the clip; `order` lists each dot's first detection."""
-    own = len(names)
-    tracker = Tracker(predictor, len(order), 1.5 * look.ring_px)
-    seen = Record(count, own)
+    """Carry the names of the first picture through the clip."""
+    own, seen = len(names), Record(count, len(names))
     frame: Frame | None = first
     while frame is not None:
         if frame is first:
-            index, (expected, reach) = order, (found.px[order], np.zeros(len(order)))
+            found, index = targets.found, targets.order
+            expected, reach = found.px[index], np.zeros(len(index))
         else:
-            found = detect(frame, look)
-            index, (expected, reach) = tracker.follow(frame.time_s, found)
+            found, index, (expected, reach) = targets.step(frame)
         watch.look(frame.luma)
         seen.add(frame.time_s, frame.index, index[:own], found, expected[:own], reach[:own])
         if painter:
             shown = np.where(index[:own, None] >= 0, seen.px[-1], expected[:own])
-            painter.show(frame, names, shown, seen.status[-1].tolist(), look.ring_px)
+            painter.show(frame, names, shown, seen.status[-1].tolist(), 1.5 * targets.radius_px)
         if progress:
             progress(frame.index + 1, count)
         frame = next(pictures, None)

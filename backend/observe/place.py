@@ -10,7 +10,6 @@ from jaxtyping import Float, Int
 
 from backend.observe.bed import Bed
 from backend.observe.detect import Detections
-from backend.observe.dots import DotLook
 from backend.observe.follow_bed import ShakenView
 from backend.observe.project import AbstractView
 from backend.observe.stretch import stretch_factor
@@ -41,7 +40,7 @@ class Record:
         expected_px: Float[np.ndarray, "marker 2"],
         reach_px: Float[np.ndarray, "marker"],
     ) -> None:
-        """Note one frame: the detection of each marker (-1: none), where it was expected, and how far off that may be."""
+        """Note one frame: each marker's detection (-1: none), where it was expected, how far off that may be."""
         n, seen = self.length, index >= 0
         self._time_s[n], self._frame[n], self._expected[n] = time_s, frame, expected_px
         self._reach[n] = reach_px
@@ -88,7 +87,7 @@ class Record:
 def place(
     seen: Record,
     names: Sequence[str],
-    look: DotLook,
+    radius_px: float,
     view: AbstractView,
     bed: Bed,
     heights_m: Float[np.ndarray, "marker"],
@@ -99,8 +98,9 @@ def place(
 ) -> pd.DataFrame:
     """The table of tracks: every point on the bed, with the deviation that its pixels' covariance gives it.
 
-    heights_m: of each marker above the marks' plane.  coast_s: gaps up to this long hold predictions, with the
-    deviation that they were made with.  rows: of a picture; a point is as late as its row is read.  bodies: what carries each marker.
+    radius_px: of a target.  heights_m: of each marker above the marks' plane.  coast_s: gaps up to this long hold
+    predictions, with the deviation that they were made with.  rows: of a picture; a point is as late as its row is
+    read.  bodies: what carries each marker.
     shaken: the views of a camera that moved.
     """
     times, px, status = seen.times_s, seen.px.copy(), seen.status
@@ -108,7 +108,7 @@ def place(
     own_s = times[:, None] + bed.readout_s * np.clip(row, 0, 1)
     cov = point_covariance(times, px, seen.cov_px2, status == "observed")
     # A dot of which half is covered has its centroid 0.42 radii off.
-    cov[status == "outlier"] += (0.5 * look.radius_px) ** 2 * np.eye(2)
+    cov[status == "outlier"] += (0.5 * radius_px) ** 2 * np.eye(2)
     if coast_s > 0:
         last = np.maximum.accumulate(np.where(np.isfinite(px[..., 0]), times[:, None], -np.inf), axis=0)
         gap = times[:, None] - last
@@ -119,16 +119,22 @@ def place(
     if shaken:
         f, m = np.nonzero(np.isfinite(px[..., 0]))
         world[f, m] = bed.plane.to_world(shaken.metres(px[f, m], heights_m[m], f, own_s[f, m]))
-    sigma, cov = _unstretched(world, sigma, cov, status, bodies, bed)
+    sigma, cov = _unstretched(world, own_s, sigma, cov, status, bodies, bed)
     return tracks_table(names, own_s, seen.frames, world, sigma, px, cov, status)
 
 
 def _unstretched(
-    world: np.ndarray, sigma: np.ndarray, cov: np.ndarray, status: np.ndarray, bodies: Sequence[str], bed: Bed
+    world: np.ndarray,
+    own_s: np.ndarray,
+    sigma: np.ndarray,
+    cov: np.ndarray,
+    status: np.ndarray,
+    bodies: Sequence[str],
+    bed: Bed,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Deviations and covariances made as large as the distances of dots on one bar say they are."""
     at = np.where((status == "observed")[..., None], bed.plane.from_world(np.nan_to_num(world))[..., :2], np.nan)
-    factor = stretch_factor(at, sigma, bodies)
+    factor = stretch_factor(at, own_s, sigma, bodies)
     return np.sqrt(factor) * sigma, factor * cov
 
 

@@ -22,7 +22,7 @@ def shared_error_m(
 ) -> float:
     """Standard deviation per axis [m] of what the view does to points seen at `px`, all alike or nearly so.
 
-    bed: with marks in place of tags.  camera: whose lens the bed holds, with its covariance; None where no such is known.
+    bed: with marks in place of tags.  camera: whose lens the bed holds, with its covariance.
     """
     nominal = view.metres(px, height_m)
 

@@ -18,14 +18,22 @@ MOST = 25.0
 
 def stretch_factor(
     at_m: Float[np.ndarray, "frame marker 2"],
+    time_s: Float[np.ndarray, "frame marker"],
     sigma_m: Float[np.ndarray, "frame marker"],
     bodies: Sequence[str],
 ) -> float:
     """How many times larger the tracks' variances are than stated, at least 1; NaN points are left out.
 
+    time_s: each point's own; a rolling shutter sees the ends of a bar one after the other.
     bodies: what carries each marker.  The constant part of a distance (a sticker out of place) does not count.
     """
-    ratio = []
+    ratio, middle = [], np.median(time_s, axis=1, keepdims=True)
+    if len(at_m) < ENOUGH:
+        return 1.0
+    span = np.diff(time_s, axis=0)
+    speed = np.diff(at_m, axis=0) / span[..., None]
+    speed = 0.5 * (np.concatenate([speed[:1], speed]) + np.concatenate([speed, speed[-1:]]))
+    at_m = at_m - speed * (time_s - middle)[..., None]
     for a, b in combinations(range(len(bodies)), 2):
         if bodies[a] != bodies[b]:
             continue

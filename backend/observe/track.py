@@ -25,7 +25,9 @@ class Predictor(Protocol):
         """Expected pixels at a time."""
         ...
 
-    def refine(self, time_s: float, px: Float[np.ndarray, "n 2"], seen: np.ndarray, whole: np.ndarray) -> Expected | None:
+    def refine(
+        self, time_s: float, px: Float[np.ndarray, "n 2"], seen: np.ndarray, whole: np.ndarray
+    ) -> Expected | None:
         """The same, helped by the dots found so far in this picture; None where they tell nothing of the others."""
         ...
 
@@ -49,7 +51,9 @@ class ConstantVelocity:
         late = time_s - self.seen_s
         return self.px + self.velocity * late[:, None], 0.5 * self.acceleration * late**2
 
-    def refine(self, time_s: float, px: Float[np.ndarray, "n 2"], seen: np.ndarray, whole: np.ndarray) -> Expected | None:
+    def refine(
+        self, time_s: float, px: Float[np.ndarray, "n 2"], seen: np.ndarray, whole: np.ndarray
+    ) -> Expected | None:
         """Nothing: each dot goes its own way."""
         return None
 
@@ -82,7 +86,9 @@ class Linked:
         """Where the bodies' own velocities carry the dots."""
         return self._with_strangers(time_s, *self.together.predict(time_s))
 
-    def refine(self, time_s: float, px: Float[np.ndarray, "n 2"], seen: np.ndarray, whole: np.ndarray) -> Expected | None:
+    def refine(
+        self, time_s: float, px: Float[np.ndarray, "n 2"], seen: np.ndarray, whole: np.ndarray
+    ) -> Expected | None:
         """Where pins and bars put the dots, now that some are found."""
         return self._with_strangers(time_s, *self.together.refine(time_s, *self._metres(px, seen, whole)))
 

@@ -36,7 +36,9 @@ class Clip:
     @cached_property
     def filmed(self) -> Filmed:
         """The motion that is filmed."""
-        return filmed(self.linkage, self.frames / self.scene.rate, self.cells)
+        duration_s = self.frames / self.scene.rate
+        kept = FOLDER / f"motion_{self.linkage.replace(' ', '_')}_{self.cells}_{1e3 * duration_s:.0f}ms.npz"
+        return filmed(self.linkage, duration_s, self.cells, kept)
 
     def path(self, folder: Path = FOLDER) -> Path:
         """Where the clip is, or will be."""

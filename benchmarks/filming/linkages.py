@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -165,16 +166,23 @@ def double_pendulum() -> tuple:
 LINKAGES = {"scissor": scissor, "four-bar": fourbar, "double pendulum": double_pendulum}
 
 
-def filmed(kind: str, duration_s: float, cells: int = 10) -> Filmed:
-    """A linkage of LINKAGES and its motion for this long, a little held still before and carried on after."""
+def filmed(kind: str, duration_s: float, cells: int = 10, kept: Path | None = None) -> Filmed:
+    """A linkage of LINKAGES and its motion for this long, a little earlier and later too; `kept`: where to keep it."""
     mechanism, bars, rates = scissor(cells) if kind == "scissor" else LINKAGES[kind]()
-    run = simulate_mujoco(
-        mechanism, duration_s + 0.05, 1e-4, output_step_s=SAMPLE_S, initial_joint_velocities=rates or None
-    )
-    world = np.stack([run.marker_position_m[m.id] for m in mechanism.markers], 1)
+    if kept is None or not kept.exists():
+        run = simulate_mujoco(
+            mechanism, duration_s + 0.05, 1e-4, output_step_s=SAMPLE_S, initial_joint_velocities=rates or None
+        )
+        time_s, world = run.time_s, np.stack([run.marker_position_m[m.id] for m in mechanism.markers], 1)
+        if kept is not None:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            np.savez(kept, time_s=time_s, world=world)
+    else:
+        with np.load(kept) as file:
+            time_s, world = file["time_s"], file["world"]
     world[..., 2] = DOT_HEIGHT_M
     names = [m.id for m in mechanism.markers]
-    return Filmed(mechanism, _ends(names, world[0, :, :2], bars), CubicSpline(run.time_s - 0.01, world))
+    return Filmed(mechanism, _ends(names, world[0, :, :2], bars), CubicSpline(time_s - 0.01, world))
 
 
 def _ends(names: list[str], at: np.ndarray, bars: Sequence[Bar]) -> tuple[tuple[Bar, str, str], ...]:

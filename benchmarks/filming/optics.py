@@ -102,10 +102,7 @@ class Optics:
         """
         axes, place = self.pose(self.row_times(time_s))
         ray = np.concatenate([self.rays, np.ones_like(self.rays[..., :1])], -1)
-        if self.shake.amount:
-            ray = np.einsum("hwi,hij->hwj", ray, axes)
-        else:
-            ray = ray @ axes[0]
+        ray = np.einsum("hwi,hij->hwj", ray, axes) if self.shake.amount else ray @ axes[0]
         return (ray[..., :2] / ray[..., 2:]).astype(np.float32), place[:, None].astype(np.float32)
 
     def see(self, p_bed: Float[Array, "n 3"], time_s: Float[Array, "n"]) -> Float[Array, "n 2"]:

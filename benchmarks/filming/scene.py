@@ -17,6 +17,7 @@ RED: Colour = (0.57, 0.02, 0.03)  # linear light of the kit's red ink on white p
 SKIN: Colour = (0.52, 0.30, 0.20)
 GREY_CARD: Colour = (0.20, 0.20, 0.21)
 TAG_SIDE_M = 0.040
+STEADY = Optics()
 BED_TAGS = {k: (0.27 * (k % 3 - 1), 0.148 * (1 - 2 * (k // 3))) for k in range(6)}
 
 
@@ -77,7 +78,7 @@ class Scene:
     sharpening: what a camera adds at edges.  crf: of x264.
     """
 
-    optics: Optics = Optics()
+    optics: Optics = STEADY
     rate: float = 240.0
     shutter_s: float = 1e-3
     target: Literal["ringed", "plain", "tag"] = "ringed"
