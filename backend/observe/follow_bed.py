@@ -17,7 +17,7 @@ from backend.observe.bed import Bed
 from backend.observe.project import AbstractView, calibrate
 
 REACH_PX = 24  # half the side of what is laid over: the middle of a tag of 80 px
-STEPS = 4  # of Lucas and Kanade; a mark moves a few pixels from picture to picture
+STEPS = 6  # of Lucas and Kanade; a mark moves a few pixels from picture to picture
 ALIKE = 0.8  # of a mark's contrast is explained where nothing covers it
 SHAKEN_PX = 0.3  # marks of a still camera seem to move by less, light and compression included
 FEWEST = 4  # marks that fix a pose

@@ -1,7 +1,7 @@
 """Where a flat mechanism's dots must be, from those that are seen: pins hold its parts together.
 
 Every body has a place and a turn in the bed's plane.  They follow from the dots seen (each with its carried residual: a
-sticker is never exactly where it was drawn), from the pins (each with its carried play) and from how the bodies moved
+sticker is never exactly where it was drawn), from the pins (to within their play) and from how the bodies moved
 before; a dot under somebody's hand is where its bar is.  Least squares by Gauss and Newton, three numbers a body.
 """
 
@@ -16,12 +16,12 @@ from backend.observe.bed import Plane
 from backend.observe.label import rotation
 
 SEEN_M, PART_M = 1e-4, 1e-3  # how far a dot is from where its body puts it; one that is seen in part
-HELD_M, WRONG_M = 3e-4, 1e-3  # how a pin's play changes; beyond this a dot may be another's, and pulls no harder
+HELD_M, WRONG_M = 3e-4, 1e-3  # a pin's play; beyond this a dot may be another's, and pulls no harder
 PUSH_M_PER_S2, TWIST_PER_S2 = 60.0, 1500.0  # beyond what springs and hands do to a linkage on a table
 STILL_M = 1e-4  # what a body's pose changes by, besides
 START_S = 0.02  # before the first picture nothing says how fast the bodies are: 6 g for so long
-KNOWN_M = 1e-3  # a body whose place is known better than this needs no older memory
-FORGET = 0.7  # of a residual, each time that the dot is seen: a pin's play changes slowly
+KNOWN = 0.6  # of what its own motion leaves open: a body that is known so much better needs no older memory
+FORGET = 0.7  # of a residual, each time that the dot is seen
 ODD_M = 4e-3  # a drawing whose dots are farther off than this is not what was filmed
 FLAT_TYPES = ("revolute", "fixed", "prismatic")
 
@@ -118,14 +118,12 @@ class Kinematics:
         self.rate = np.zeros_like(self.poses)
         self.age_s = np.full(len(flat.ids), START_S)  # since each body's pose was last known
         self.dot_residual = np.zeros_like(seen_m)
-        self.pin_residual = np.zeros(3 * len(flat.pin_bodies))
         every = np.full(len(seen_m), SEEN_M)
         for _ in range(5):
             self.poses = self._solve(self.poses, self.poses, np.array([1.0, 1.0, 10.0]), seen_m, every)[0]
         off = seen_m - flat.carried(self.poses, flat.marker_body, flat.marker_at)[0]
         self.fits = bool(flat.flat and np.sqrt((off**2).sum(1).mean()) < ODD_M)
         self.dot_residual = off
-        self.pin_residual = flat.held(self.poses)[0]
 
     def predict(self, time_s: float) -> tuple[Float[np.ndarray, "marker 2"], Float[np.ndarray, "marker"]]:
         """Places [m], and the standard deviation of each [m], with every body as fast as it was."""
@@ -147,7 +145,7 @@ class Kinematics:
         place, slope = self.flat.carried(self._now, self.flat.marker_body, self.flat.marker_at)
         own = np.maximum(self.flat.marker_body, 0)
         spread = np.einsum("nij,njk,nik->n", slope, cov[own, :, own, :], slope) / 2
-        self._known = np.sqrt(np.einsum("bibi->bi", cov)[:, :2].mean(1)) < KNOWN_M
+        self._known = np.sqrt(np.einsum("bibi->bi", cov)[:, :2].mean(1)) < KNOWN * far
         return place + self.dot_residual, np.sqrt(spread)
 
     def learn(self, time_s: float, at_m: Float[np.ndarray, "marker 2"], sd_m: Float[np.ndarray, "marker"]) -> None:
@@ -160,7 +158,6 @@ class Kinematics:
         place = self.flat.carried(self.poses, self.flat.marker_body, self.flat.marker_at)[0]
         off = np.where(sd_m[:, None] <= SEEN_M, at_m - place, self.dot_residual)
         self.dot_residual = FORGET * self.dot_residual + (1 - FORGET) * off
-        self.pin_residual = FORGET * self.pin_residual + (1 - FORGET) * self.flat.held(self.poses)[0]
 
     def _solve(
         self, start: np.ndarray, ahead: np.ndarray, loose: np.ndarray, at_m: np.ndarray, sd_m: np.ndarray
@@ -176,7 +173,7 @@ class Kinematics:
         weight = np.sqrt(1 / np.maximum(1.0, np.hypot(*off.T) / WRONG_M)) / sd_m[use]  # Huber's
         J = np.concatenate([J_pin / HELD_M, (weight[:, None, None, None] * J_dot).reshape(-1, count, 3)])
         J = J.reshape(-1, 3 * count)
-        r = np.r_[(self.pin_residual - gap) / HELD_M, (weight[:, None] * off).ravel()]
+        r = np.r_[-gap / HELD_M, (weight[:, None] * off).ravel()]
         prior = np.broadcast_to(1 / loose**2, (count, 3)).ravel()
         A = J.T @ J + np.diag(prior)
         b = J.T @ r + prior * (ahead - start).ravel()

@@ -13,7 +13,7 @@ from backend.observe.detect import Detections
 from backend.observe.follow_bed import ShakenView
 from backend.observe.project import AbstractView
 from backend.observe.stretch import stretch_factor
-from backend.observe.uncertainty import point_covariance
+from backend.observe.uncertainty import point_covariance, track_noise
 from backend.observe.write import tracks_table
 
 STATUSES = np.array(["observed", "outlier", "occluded", "predicted"], object)
@@ -118,9 +118,25 @@ def place(
     world, sigma = in_world(px, cov, view, bed, heights_m)
     if shaken:
         f, m = np.nonzero(np.isfinite(px[..., 0]))
-        world[f, m] = bed.plane.to_world(shaken.metres(px[f, m], heights_m[m], f, own_s[f, m]))
+        at = shaken.metres(px[f, m], heights_m[m], f, own_s[f, m])
+        world[f, m] = bed.plane.to_world(at)
+        sigma, cov = _with_unsteady_view(own_s, f, m, at, sigma, cov)
     sigma, cov = _unstretched(world, own_s, sigma, cov, status, bodies, bed)
     return tracks_table(names, own_s, seen.frames, world, sigma, px, cov, status)
+
+
+def _with_unsteady_view(
+    own_s: np.ndarray, f: np.ndarray, m: np.ndarray, at_m: np.ndarray, sigma: np.ndarray, cov: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Deviations that hold the noise of every picture's own pose too, measured along the tracks on the bed."""
+    xy = np.full((*sigma.shape, 2), np.nan)
+    xy[f, m] = at_m
+    more = np.ones(sigma.shape[1])
+    for k in range(len(more)):
+        noise = track_noise(own_s[:, k], xy[:, k])
+        if noise is not None:
+            more[k] = max(1.0, np.trace(noise) / 2 / np.nanmedian(sigma[:, k]) ** 2)
+    return sigma * np.sqrt(more), cov * more[:, None, None]
 
 
 def _unstretched(

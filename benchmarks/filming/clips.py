@@ -38,7 +38,7 @@ class Clip:
         """The motion that is filmed."""
         duration_s = self.frames / self.scene.rate
         kept = FOLDER / f"motion_{self.linkage.replace(' ', '_')}_{self.cells}_{1e3 * duration_s:.0f}ms.npz"
-        return filmed(self.linkage, duration_s, self.cells, kept)
+        return filmed(self.linkage, duration_s, self.cells, kept if FOLDER.is_dir() else None)
 
     def path(self, folder: Path = FOLDER) -> Path:
         """Where the clip is, or will be."""

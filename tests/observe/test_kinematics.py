@@ -48,8 +48,10 @@ def followed(mechanism, hidden, rate=240.0, frames=90):
 
 def test_a_hidden_crank_pin_is_where_the_rocker_puts_it(mechanism):
     said, truth = followed(mechanism, [1])
-    # Near dead centre the rocker hardly tells the crank's angle: 1 mm there, a tenth of it elsewhere.
-    assert np.hypot(*(said - truth)[20:, 1].T).max() < 2e-3
+    off = np.hypot(*(said - truth)[20:, 1].T)
+    assert np.median(off) < 2e-3
+    # At the rocker's end of travel 0.3 mm of play leaves the crank open by sqrt(2 x 0.3 / 25) rad: 8 mm at its pin.
+    assert off.max() < 8e-3
 
 
 def test_at_sixty_a_second_every_dot_is_expected_within_its_own_radius(mechanism):
