@@ -45,7 +45,7 @@ def score(clip: Clip, tracks: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def tracked(clip: Clip, folder: Path, **known: object) -> pd.DataFrame:
+def tracked(clip: Clip, folder: Path, coast_s: float = 0.0, **known: object) -> pd.DataFrame:
     """Our tracks of a clip."""
     from backend.observe.measure import track_video
 
@@ -53,15 +53,16 @@ def tracked(clip: Clip, folder: Path, **known: object) -> pd.DataFrame:
     targets = {m: FIRST_TARGET_TAG + k for k, m in enumerate(clip.filmed.markers)} if tagged else None
     with tempfile.TemporaryDirectory() as out:
         result = track_video(
-            clip.made(folder), clip.filmed.mechanism, bed(clip) | known, out_dir=out, targets=targets, preview=False
-        )
+            clip.made(folder), clip.filmed.mechanism, bed(clip) | known,
+            out_dir=out, targets=targets, coast_s=coast_s, preview=False,
+        )  # fmt: skip
     result.tracks.attrs["shared_m"] = result.summary["calibration_sd_m"]
     return result.tracks
 
 
-def with_kit(clip: Clip, folder: Path) -> pd.DataFrame:
+def with_kit(clip: Clip, folder: Path, coast_s: float = 0.0) -> pd.DataFrame:
     """Ringed dots, or tags; bed tags; the lens from the board."""
-    return tracked(clip, folder, camera=calibrated(folder))
+    return tracked(clip, folder, coast_s, camera=calibrated(folder))
 
 
 def plain_dots(clip: Clip, folder: Path) -> pd.DataFrame:

@@ -9,7 +9,7 @@ from backend.observe.bed import Bed
 from backend.observe.camera import PARAMETERS, Camera
 from backend.observe.project import AbstractView, calibrate
 
-MARK_SD_PX, TAG_SD_PX = 0.5, 0.03  # a mark clicked by hand; a tag's centre (docs/kit.md)
+MARK_SD_PX, TAG_SD_PX = 0.5, 0.04  # a mark clicked by hand; a tag's centre, where neighbours may err alike
 
 
 def shared_error_m(
