@@ -19,6 +19,10 @@ def track(
     clicks: Annotated[
         Path | None, typer.Option(help="JSON: marker to pixel in the first frame.", exists=True, dir_okay=False)
     ] = None,
+    targets: Annotated[
+        Path | None,
+        typer.Option(help="JSON: marker to the tag it carries in place of a dot.", exists=True, dir_okay=False),
+    ] = None,
     keep_truncated: Annotated[
         bool, typer.Option("--keep-truncated", help="Measure the readable part of a clip that ends too early.")
     ] = False,
@@ -41,6 +45,7 @@ def track(
                 bed,
                 out_dir=folder,
                 clicks=clicks,
+                targets=targets,
                 keep_truncated=keep_truncated,
                 progress=counting(advance),
             )

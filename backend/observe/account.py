@@ -8,12 +8,11 @@ import numpy as np
 import pandas as pd
 
 from backend.observe.bed import Bed
-from backend.observe.dots import DotLook
-from backend.observe.project import AbstractView, calibrate, mark_residuals_px, parallax_per_height
+from backend.observe.project import AbstractView, mark_residuals_px, parallax_per_height
+from backend.observe.targets import Targets
 from backend.observe.video import Video
 
 UNKNOWN_HEIGHT_M = 0.005  # the example height of a warning: a bar's thickness
-MARK_SD_PX = 0.5  # a mark clicked by hand
 
 
 def warn_height(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> list[str]:
@@ -58,18 +57,6 @@ def warn_marks(bed: Bed, view: AbstractView) -> list[str]:
     ]
 
 
-def mark_error_m(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int, height_px: int) -> float:
-    """Rms error [m] that marks placed to 0.5 px put on points seen at `px`: common to the whole clip."""
-    flat, total = np.zeros(len(px)), 0.0
-    nominal = view.metres(px, flat)
-    for k in range(len(bed.marks)):
-        for shift in ({"x_px": MARK_SD_PX}, {"y_px": MARK_SD_PX}):
-            moved = bed.marks[k].model_copy(update={n: getattr(bed.marks[k], n) + d for n, d in shift.items()})
-            other = bed.model_copy(update={"marks": (*bed.marks[:k], moved, *bed.marks[k + 1 :])})
-            total += ((calibrate(other, width_px, height_px).metres(px, flat) - nominal) ** 2).sum(1).mean() / 2
-    return float(np.sqrt(total))
-
-
 def status_counts(tracks: pd.DataFrame) -> dict[str, dict[str, Any]]:
     """Per marker: how many rows have each status, and the usual deviation [m] of those that were seen."""
     counted: dict[str, dict[str, Any]] = {}
@@ -84,30 +71,29 @@ def status_counts(tracks: pd.DataFrame) -> dict[str, dict[str, Any]]:
 def summarise(
     video: Video,
     tracks: pd.DataFrame,
-    look: DotLook,
+    targets: Targets,
     view: AbstractView,
     bed: Bed,
     metres_per_px: float,
-    strangers: int,
     warnings: list[str],
-    size_px: tuple[int, int],
+    calibration_sd_m: float,
 ) -> dict[str, Any]:
     """Plain JSON values: frames and rate, status counts per marker, sigma, calibration, warnings."""
     seen = tracks[tracks.status == "observed"]
-    every = seen.iloc[:: max(1, len(seen) // 200)][["x_px", "y_px"]].to_numpy()
+    look = targets.look
     return {
         "video": video.name,
         "frames": int(tracks.frame.nunique()),
         "frames_per_s": video.frames_per_s,
         "duration_s": float(tracks.time_s.max() - tracks.time_s.min()),
         "metres_per_px": float(metres_per_px),
-        "dot_radius_px": look.radius_px,
-        "dot_hue_deg": float(np.rad2deg(look.hue_rad)),
+        "dot_radius_px": targets.radius_px if look else None,
+        "dot_hue_deg": float(np.rad2deg(look.hue_rad)) if look else None,
         "sigma_m": float(seen.sigma_m.median()),
         "mark_residual_px": float(np.sqrt((mark_residuals_px(bed, view) ** 2).mean())),
-        "calibration_sd_m": mark_error_m(bed, view, every, *size_px),
+        "calibration_sd_m": calibration_sd_m,
         "markers": status_counts(tracks),
-        "dots_not_drawn": strangers,
+        "dots_not_drawn": len(targets.order) - tracks.marker.nunique(),
         "truncated": video.truncated,
         "warnings": warnings,
     }

@@ -1,8 +1,8 @@
 """The bed as the user describes it: printed marks, the plane they lie in, and what is known of the camera.
 
 The bed file is JSON: either the list of marks alone, or an object with `marks` or `tags` and any of `plane`,
-`lens` or `camera`, `camera_height_m`, `marker_height_m`, and how
-well places and heights are known: `mark_sd_m`, `marker_height_sd_m`.
+`lens` or `camera`, `camera_height_m`, `marker_height_m`, `readout_s`, and how well places and heights are known:
+`mark_sd_m`, `marker_height_sd_m`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Bed(Described):
     place of lens.  camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots above the
     plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None; those that a camera file
     found are taken where none are given.  mark_sd_m, marker_height_sd_m: how well the marks' places on the bed,
-    and given heights, are known.
+    and given heights, are known.  readout_s: from the first row of a picture to the last, of a rolling shutter.
     """
 
     marks: tuple[BedMark, ...] = ()
@@ -60,6 +60,7 @@ class Bed(Described):
     marker_height_m: Number | dict[str, Number] | None = None
     mark_sd_m: Annotated[Number, Field(ge=0)] = 2e-4
     marker_height_sd_m: Annotated[Number, Field(gt=0)] = 5e-4
+    readout_s: Annotated[Number, Field(ge=0, lt=0.1)] = 0.0
 
     @model_validator(mode="after")
     def _one_lens(self) -> Bed:

@@ -7,17 +7,21 @@ finer than the coloured area alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from backend.observe.dots import DotLook, colour_mask, find_blobs, radial_profile
+from backend.observe.dots import ANGLES, DotLook, colour_mask, find_blobs, radial_profile
+from backend.observe.rim import fit_rims
 from backend.observe.video import Frame
 
 Patch = Float[np.ndarray, "n k k"]
+LEAST_RIM = 0.8  # of a bare dot's rim must be seen
 PASSES = 3  # the window follows the centroid; it moves less than 0.001 px in a fourth
+# A whole dot, still or blurred by its motion, looks alike from both sides.
+UNEVEN = 0.06  # of the contrast, over what the clip's dots usually show
 QUIET = 0.08  # ring pixels this near to the ring's level carry noise, not the dot
 
 
@@ -26,13 +30,15 @@ class Detections:
     """Dots of one picture.
 
     px: centres.  cov_px2: what the pixels' noise alone does to them.  whole: the full disc and ring are
-    seen; a dot that is partly covered is found, but its centre is not where the dot's is.
+    seen; a dot that is partly covered is found, but its centre is not where the dot's is.  weight: its area [px^2].
+    uneven: how unlike its two sides are, as a part of the contrast.
     """
 
     px: Float[np.ndarray, "n 2"]
     cov_px2: Float[np.ndarray, "n 2 2"]
     whole: Bool[np.ndarray, "n"]
     weight: Float[np.ndarray, "n"]
+    uneven: Float[np.ndarray, "n"] | None = None
 
     def __len__(self) -> int:
         return len(self.px)
@@ -45,7 +51,26 @@ def detect(frame: Frame, look: DotLook) -> Detections:
     margin = look.ring_px + 2
     inside = ((blobs.px > margin) & (blobs.px < np.array([width, height]) - 1 - margin)).all(1)
     sized = (blobs.area_px > 0.35 * look.area_px) & (blobs.area_px < 2.5 * look.area_px)
-    return weigh(frame.luma, blobs.px[inside & sized], look)
+    found = weigh(frame.luma, blobs.px[inside & sized], look)
+    return found if look.ringed or not len(found) else _bare(frame.luma, found, look)
+
+
+def _bare(luma: np.ndarray, found: Detections, look: DotLook) -> Detections:
+    """Dots without a ring: the mean of centroid and rim, which the surroundings mislead each in its own way."""
+    rim, cov, share = fit_rims(luma, found.px, look)
+    apart = rim - found.px
+    near = np.hypot(*apart.T) < 0.3 * look.radius_px
+    px = np.where(near[:, None], found.px + 0.5 * apart, found.px)
+    spread = 0.25 * np.einsum("ni,nj->nij", apart, apart)
+    return replace(found, px=px, cov_px2=cov + spread, whole=near & (share > LEAST_RIM))
+
+
+def learn_whole(look: DotLook, found: Detections, which: list[int]) -> DotLook:
+    """The look with what whole dots of the first picture weigh, and how uneven noise makes them."""
+    if found.uneven is None or not which:
+        return look
+    weight, uneven = float(np.median(found.weight[which])), float(np.median(found.uneven[which]))
+    return replace(look, weight=weight, uneven=uneven)
 
 
 class Weighing(NamedTuple):
@@ -100,11 +125,11 @@ def weigh(luma: np.ndarray, start_px: Float[np.ndarray, "n 2"], look: DotLook) -
     arm = np.stack(np.broadcast_arrays(last.dx, last.dy), -1) * active[..., None]
     spread = np.einsum("nijp,nijq->npq", arm, arm)
     noise = (grain / contrast / last.total) ** 2
-    rays = radial_profile(luma, px, np.array([look.window_px]))[..., 0]
-    bright = (rays > (last.core + 0.6 * contrast)[:, None]).mean(1)
     share = last.total / look.weight if look.weight else np.ones(n)
-    whole = (bright > 0.8) & (share > 0.85) & (share < 1.2)
-    return Detections(px, spread * noise[:, None, None], whole, last.total)
+    rays = radial_profile(luma, px, look.window_px * np.array([0.25, 0.5, 0.75, 1.0]))
+    uneven = np.abs(rays - np.roll(rays, len(ANGLES) // 2, 1)).mean((1, 2)) / contrast
+    whole = (uneven < UNEVEN + look.uneven) & (share > 0.5) & (share < 1.3)
+    return Detections(px, spread * noise[:, None, None], whole, last.total, uneven)
 
 
 def masked_median(patch: Float[np.ndarray, "n k k"], mask: Bool[np.ndarray, "n k k"]) -> Float[np.ndarray, "n"]:

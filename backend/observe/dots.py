@@ -19,6 +19,7 @@ Points = Float[np.ndarray, "n 2"]
 ANGLES = np.linspace(0, 2 * np.pi, 32, endpoint=False)
 MIN_COLOUR = 12.0  # codes away from the bed's own colour; below this, compression paints grey things
 MIN_CONTRAST = 15.0  # luma codes between dot and ring
+ALL_ROUND = 0.1  # of the contrast: what surrounds a dot varies by less where it is a printed ring
 HUE_GAP_DEG = 25.0  # dots of one print differ less than this in hue, different inks more
 
 
@@ -28,7 +29,8 @@ class DotLook:
 
     neutral: (cb, cr) of the bed.  hue_rad, saturation: polar colour difference from it [rad, codes].
     area_px: coloured area [px^2].  radius_px, ring_px: edge of the dot, and of its ring or what serves as one.
-    weight: the luma-weighted area of a whole dot [px^2].
+    weight: the luma-weighted area of a whole dot [px^2].  uneven: how unlike its two sides are, by noise.
+    ringed: whether a bright ring surrounds them.
     """
 
     neutral: tuple[float, float]
@@ -38,6 +40,8 @@ class DotLook:
     radius_px: float
     ring_px: float
     weight: float = 0.0
+    uneven: float = 0.02
+    ringed: bool = True
 
     @property
     def window_px(self) -> float:
@@ -117,7 +121,10 @@ def learn_look(frame: Frame, expected: int, hint_px: Points | None = None) -> Do
     final = find_blobs(colour_mask(frame, rough))
     own = np.hypot(*(final.px[:, None] - px[group][None]).transpose(2, 0, 1)).min(1) < size
     area_px = float(np.median(final.area_px[own])) if own.any() else float(np.median(area[group]))
-    return DotLook(neutral, mean_hue, rough.saturation, area_px, radius, ring)
+    rays = radial_profile(frame.luma, px[group], np.array([0.5 * radius, (radius + ring) / 2]))
+    contrast = np.maximum(np.median(rays[..., 1] - rays[..., 0], axis=1), MIN_CONTRAST)
+    ringed = bool(np.median(rays[..., 1].std(1) / contrast) < ALL_ROUND)
+    return DotLook(neutral, mean_hue, rough.saturation, area_px, radius, ring, ringed=ringed)
 
 
 def _has_ring(luma: np.ndarray, px: np.ndarray, area: float) -> bool:

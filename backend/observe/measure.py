@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,16 @@ from backend.observe.account import summarise, warn_height, warn_marks
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
 from backend.observe.camera_in_clip import camera_in_clip, shared_error
-from backend.observe.detect import Detections, detect
-from backend.observe.dots import DotLook, learn_look
-from backend.observe.label import drawn_positions, label_dots
+from backend.observe.follow_bed import BedWatch, settle
+from backend.observe.kinematics import kinematics_of
+from backend.observe.label import drawn_positions
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import view_in_picture
 from backend.observe.seen_bed import bed_in_picture
-from backend.observe.track import ConstantVelocity, Tracker
+from backend.observe.shared_error import shared_error_m
+from backend.observe.targets import DotTargets, TagTargets, Targets, read_targets
+from backend.observe.track import ConstantVelocity, Linked
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame, Video
 from backend.observe.write import write_tracks
@@ -48,6 +50,7 @@ def track_video(
     *,
     out_dir: str | Path,
     clicks: Mapping[str, Sequence[float]] | str | Path | None = None,
+    targets: Mapping[str, int] | str | Path | None = None,
     keep_truncated: bool = False,
     coast_s: float = 0.0,
     preview: bool = True,
@@ -57,6 +60,7 @@ def track_video(
 
     mechanism: backend.mechanism's drawing, of which markers and body poses are used.
     bed_marks: see backend.observe.bed.  clicks: marker -> (x, y) [px] in the first picture, or a JSON file.
+    targets: marker -> number of the tag that it carries in place of a dot, or a JSON file.
     keep_truncated: measure the readable part of a file that ends too early.
     coast_s: fill gaps up to this long with predictions, marked `predicted`; without it a hidden dot has no
     coordinates.  progress: called with (frames done, frames in all).
@@ -73,39 +77,47 @@ def track_video(
     if first is None:
         raise TrackingError(f"{video.name}: not one frame can be decoded (0 frames read). Copy it again.")
     height_px, width_px = first.luma.shape
-    camera = bed.camera
+    given = bed.camera
     bed, told = bed_in_picture(bed, first.luma)
     warnings += told
     view = view_in_picture(bed, width_px, height_px)
     on_bed = bed.plane.from_world(np.array(list(drawn.values())))[:, :2]
     expected = view.pixels(on_bed, heights)
     clicks = _read_clicks(clicks)
-    look = learn_look(first, len(drawn), np.array([*clicks.values()], float).reshape(-1, 2))
-    found = detect(first, look)
-    named = label_dots(dict(zip(drawn, expected, strict=True)), found.px, 2 * look.ring_px, clicks)
-    look = replace(look, weight=float(np.median(found.weight[list(named.values())])))
-    found = detect(first, look)
-    strangers = np.setdiff1d(np.arange(len(found)), list(named.values()))
-    if len(strangers):
-        warnings.append(f"{len(strangers)} more dots are seen than are drawn; they were followed apart.")
+    tags = read_targets(targets, list(drawn))
+    on_pins = TagTargets(first, tags) if tags else DotTargets(first, dict(zip(drawn, expected, strict=True)), clicks)
+    if on_pins.strangers:
+        warnings.append(f"{on_pins.strangers} more dots are seen than are drawn; they were followed apart.")
     slope = np.abs(np.linalg.det(view.slope(expected, heights))).mean() ** 0.5  # metres per pixel
     out.mkdir(parents=True, exist_ok=True)
     preview_path = out / "preview.mp4" if preview else None
     painter = Preview(preview_path, video.frames_per_s, (width_px, height_px)) if preview_path else None
-    order = np.r_[list(named.values()), strangers].astype(int)
+    start_px = on_pins.found.px[on_pins.order]
+    each = ConstantVelocity(first.time_s, start_px, GREATEST_ACCELERATION / slope)
+    at = view.metres(start_px[: len(drawn)], heights)
+    together = kinematics_of(mechanism, bed.plane, first.time_s, at)
+    on_pins.start(Linked(each, together, view, heights) if together else each)
+    watch = BedWatch(bed.pixels(), first.luma, video.frame_count)
     try:
-        seen = _follow(first, pictures, found, order, look, list(drawn), slope, painter, progress, video.frame_count)
+        seen = _follow(first, pictures, on_pins, list(drawn), watch, painter, progress, video.frame_count)
     finally:
         if painter:
             painter.close()
-    table = place(seen, list(drawn), look, view, bed, heights, GREATEST_ACCELERATION / slope, coast_s)
+    bed, shaken = settle(bed, watch.result(), seen.times_s, (width_px, height_px))
+    view = view_in_picture(bed, width_px, height_px)
+    bodies = [marker.body for marker in mechanism.markers]
+    table = place(seen, list(drawn), on_pins.radius_px, view, bed, heights, coast_s, height_px, bodies, shaken)
+    if shaken:
+        warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
-    summary = summarise(video, table, look, view, bed, slope, len(strangers), warnings, (width_px, height_px))
-    if camera:
-        posed = camera_in_clip(camera, bed, list(drawn), seen.px, (width_px, height_px))
+    some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
+    shared_m = shared_error_m(bed, given, view, seen.px[tuple(some.T)], heights[some[:, 1]], (width_px, height_px))
+    summary = summarise(video, table, on_pins, view, bed, slope, warnings, shared_m)
+    if given and not shaken:  # one pose for the whole clip, from its marks
+        posed = camera_in_clip(given, bed, list(drawn), seen.px, (width_px, height_px))
         error_m, tolerances = shared_error(posed, list(drawn), seen.px, 1 / video.frames_per_s)
-        summary["warnings"] += posed.notes[len(camera.notes) :]
+        summary["warnings"] += posed.notes[len(given.notes) :]
         write_camera(posed, out / "camera.json")
         summary |= {"calibration_sd_m": error_m, "tolerances": tolerances}
     tracks_path = write_tracks(table, out / "tracks.csv")
@@ -124,36 +136,27 @@ def _read_clicks(clicks: Mapping[str, Sequence[float]] | str | Path | None) -> d
 def _follow(
     first: Frame,
     pictures: Any,
-    found: Detections,
-    order: np.ndarray,
-    look: DotLook,
+    targets: Targets,
     names: list[str],
-    slope: float,
+    watch: BedWatch,
     painter: Preview | None,
     progress: Callable[[int, int], None] | None,
     count: int,
 ) -> Record:
-    """Carry the names of the first picture through the clip; `order` lists each dot's first detection."""
-    own, start = len(names), found.px[order]
-    tracker = Tracker(
-        ConstantVelocity(first.time_s, start),
-        first.time_s,
-        len(order),
-        1.5 * look.ring_px,
-        GREATEST_ACCELERATION / slope,
-    )
-    seen = Record(count, own)
+    """Carry the names of the first picture through the clip."""
+    own, seen = len(names), Record(count, len(names))
     frame: Frame | None = first
     while frame is not None:
         if frame is first:
-            index, expected = order, start
+            found, index = targets.found, targets.order
+            expected, reach = found.px[index], np.zeros(len(index))
         else:
-            found = detect(frame, look)
-            index, expected = tracker.follow(frame.time_s, found)
-        seen.add(frame.time_s, frame.index, index[:own], found, expected[:own])
+            found, index, (expected, reach) = targets.step(frame)
+        watch.look(frame.luma)
+        seen.add(frame.time_s, frame.index, index[:own], found, expected[:own], reach[:own])
         if painter:
             shown = np.where(index[:own, None] >= 0, seen.px[-1], expected[:own])
-            painter.show(frame, names, shown, seen.status[-1].tolist(), look.ring_px)
+            painter.show(frame, names, shown, seen.status[-1].tolist(), 1.5 * targets.radius_px)
         if progress:
             progress(frame.index + 1, count)
         frame = next(pictures, None)

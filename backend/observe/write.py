@@ -26,13 +26,13 @@ def tracks_table(
 ) -> pd.DataFrame:
     """One row per frame and marker: (frame, marker, ...) arrays; NaN where there is no value.
 
-    world_m (.., 3) [m], sigma_m (..) one standard deviation per axis [m], px (.., 2), cov_px2 (.., 2, 2),
-    status (..) one of observed, occluded, predicted, outlier.
+    times_s (..) each point's own [s], world_m (.., 3) [m], sigma_m (..) one standard deviation per axis [m],
+    px (.., 2), cov_px2 (.., 2, 2), status (..) one of observed, occluded, predicted, outlier.
     """
     each = len(markers)
     flat = {
-        "time_s": np.repeat(times_s, each),
-        "marker": np.tile(np.asarray(markers, object), len(times_s)),
+        "time_s": times_s.ravel(),
+        "marker": np.tile(np.asarray(markers, object), len(frames)),
         "sigma_m": sigma_m.ravel(),
         "frame": np.repeat(frames, each),
         "cov_xx_px2": cov_px2[..., 0, 0].ravel(),

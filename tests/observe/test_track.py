@@ -14,7 +14,7 @@ def found(px):
 
 def follow(path, hidden=(), clutter=0, dt=1 / 240, acceleration=60 / 5e-4):
     """Names that a tracker gives to shuffled detections of a (frame, dot, 2) path; -1 where none."""
-    tracker = Tracker(ConstantVelocity(0.0, path[0]), 0.0, path.shape[1], 17.0, acceleration)
+    tracker = Tracker(ConstantVelocity(0.0, path[0], acceleration), path.shape[1], 17.0)
     given = [np.arange(path.shape[1])]
     for k in range(1, len(path)):
         seen = np.array([m for m in range(path.shape[1]) if (k, m) not in hidden])

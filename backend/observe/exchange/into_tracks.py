@@ -65,7 +65,8 @@ def into_tracks(
         world, sigma = at, np.where(seen, np.array(each), np.nan)
         px, cov = np.full((*seen.shape, 2), np.nan), np.full((*seen.shape, 2, 2), np.nan)
     cov = np.where(seen[..., None, None], cov, np.nan)
-    table = tracks_table(points.names, times, points.frame, world, sigma, px, cov, status)
+    own_s = np.repeat(times[:, None], len(points.names), 1)
+    table = tracks_table(points.names, own_s, points.frame, world, sigma, px, cov, status)
     if not points.in_pixels:
         table = table.drop(columns=[name for name in table.columns if name.endswith(("_px", "_px2"))])
     return table, notes + _start(points, world, drawn)

@@ -1,0 +1,56 @@
+import cv2
+import numpy as np
+
+from backend.observe.bed import Bed, BedMark
+from backend.observe.follow_bed import BedWatch, settle
+
+RNG = np.random.default_rng(2)
+PLACES = np.array([[60.0, 60.0], [260.0, 60.0], [260.0, 180.0], [60.0, 180.0], [160.0, 120.0]])
+PAPER = cv2.GaussianBlur(RNG.normal(128, 60, (240, 320)).astype(np.float32), (0, 0), 3) * 3 - 256
+
+
+def picture(shift=(0.0, 0.0), gain=1.0, covered=False):
+    """A print moved by a part of a pixel, in another light; a card over the first mark."""
+    H = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], np.float32)
+    seen = gain * cv2.warpAffine(PAPER, H, (320, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    if covered:
+        seen[:100, :100] = 90
+    return np.clip(seen + RNG.normal(0, 1, seen.shape), 0, 255).astype(np.uint8)
+
+
+def bed():
+    marks = (
+        BedMark(id=str(k), x_m=1e-3 * u, y_m=-1e-3 * v, x_px=u, y_px=v) for k, (u, v) in enumerate(PLACES.tolist())
+    )
+    return Bed(marks=tuple(marks))
+
+
+def watched(pictures):
+    watch = BedWatch(PLACES, pictures[0], len(pictures))
+    for luma in pictures:
+        watch.look(luma)
+    return watch.result()
+
+
+def test_marks_are_followed_to_a_fifteenth_of_a_pixel_in_changing_light():
+    shifts = [(0.0, 0.0), (0.7, -0.4), (1.9, 0.3), (2.4, 1.2)]
+    moved = watched([picture(s, 1 - 0.08 * k) for k, s in enumerate(shifts)])
+    assert np.abs(moved - np.array(shifts)[:, None]).max() < 0.07  # OpenCV warps to 1/32 px
+
+
+def test_a_covered_mark_is_left_out_and_found_again():
+    moved = watched([picture(), picture(covered=True), picture((0.5, 0.0))])
+    assert np.isnan(moved[1, 0]).all()
+    assert np.isfinite(moved[1, 1:]).all()
+    assert np.abs(moved[2, 0] - [0.5, 0.0]).max() < 0.07
+
+
+def test_a_still_camera_has_one_view_and_a_shaken_one_a_view_for_every_picture():
+    t = np.arange(4) / 240
+    still = watched([picture() for _ in t])
+    assert settle(bed(), still, t, (320, 240))[1] is None
+    shifts = np.array([(0.0, 0.0), (0.7, -0.4), (1.9, 0.3), (2.4, 1.2)])
+    _, shaken = settle(bed(), watched([picture(s) for s in shifts]), t, (320, 240))
+    assert shaken is not None
+    at = shaken.metres(PLACES[4] + shifts, np.zeros(4), np.arange(4), t)
+    np.testing.assert_allclose(at, np.tile([0.16, -0.12], (4, 1)), atol=7e-5)  # 0.07 px of 1 mm

@@ -1,0 +1,69 @@
+"""Hidden dots are where pins and bars put them."""
+
+import numpy as np
+import pytest
+
+from backend.observe.bed import Plane
+from backend.observe.kinematics import SEEN_M, FlatMechanism, kinematics_of
+from benchmarks.filming.linkages import fourbar
+
+RNG = np.random.default_rng(5)
+A, D = np.array([-0.12, -0.04]), np.array([0.08, -0.04])
+
+
+def turning(mechanism, angle):
+    """The four-bar's dots A, B, C, D for crank angles, by intersecting two circles."""
+    drawn = FlatMechanism(mechanism, Plane()).marker_at
+    crank, coupler, rocker = (np.hypot(*(drawn[i] - drawn[j])) for i, j in ((0, 1), (1, 2), (2, 3)))
+    b = A + crank * np.stack([np.cos(angle), np.sin(angle)], 1)
+    apart = D - b
+    span = np.hypot(*apart.T)
+    along = (coupler**2 - rocker**2 + span**2) / (2 * span)
+    up = np.stack([-apart[:, 1], apart[:, 0]], 1) / span[:, None]
+    c = b + apart * (along / span)[:, None] + up * np.sqrt(coupler**2 - along**2)[:, None]
+    return np.stack([np.broadcast_to(A, b.shape), b, c, np.broadcast_to(D, b.shape)], 1)
+
+
+@pytest.fixture(scope="module")
+def mechanism():
+    return fourbar()[0]
+
+
+def followed(mechanism, hidden, rate=240.0, frames=90):
+    """Predictions and truth [m] while the crank turns at 20 rad/s and some dots are hidden after 20 frames."""
+    t = np.arange(frames) / rate
+    truth = turning(mechanism, 20 * t + 2.0 * np.sin(3 * t))
+    seen = truth + RNG.normal(0, 2e-5, truth.shape)
+    model = kinematics_of(mechanism, Plane(), t[0], seen[0])
+    assert model is not None
+    said = [seen[0]]
+    for n in range(1, frames):
+        sd = np.full(4, SEEN_M)
+        if n >= 20:
+            sd[hidden] = np.inf
+        said.append(model.refine(t[n], seen[n], sd)[0])
+        model.learn(t[n], seen[n], sd)
+    return np.array(said), truth
+
+
+def test_a_hidden_crank_pin_is_where_the_rocker_puts_it(mechanism):
+    said, truth = followed(mechanism, [1])
+    off = np.hypot(*(said - truth)[20:, 1].T)
+    assert np.median(off) < 2e-3
+    # At the rocker's end of travel 0.3 mm of play leaves the crank open by sqrt(2 x 0.3 / 25) rad: 8 mm at its pin.
+    assert off.max() < 8e-3
+
+
+def test_at_sixty_a_second_every_dot_is_expected_within_its_own_radius(mechanism):
+    said, truth = followed(mechanism, [], rate=60.0)
+    assert np.hypot(*(said - truth)[3:].transpose(2, 0, 1)).max() < 4e-3
+
+
+def test_a_mechanism_that_stands_elsewhere_is_not_followed_by_its_kinematics(mechanism):
+    there = turning(mechanism, np.zeros(1))[0] * 1.3
+    assert kinematics_of(mechanism, Plane(), 0.0, there) is None
+
+
+def test_a_mechanism_whose_pins_lie_in_the_bed_is_not_flat(mechanism):
+    upright = Plane(x_axis=(1.0, 0.0, 0.0), y_axis=(0.0, 0.0, 1.0))
+    assert not FlatMechanism(mechanism, upright).flat
