@@ -18,7 +18,7 @@ GREEN, ORANGE, BLUE = (60, 200, 60), (0, 140, 255), (220, 120, 20)
 
 
 def annotated(clip: Clip, frame: int) -> np.ndarray:
-    """One frame of a clip, half its size, with what was found in it."""
+    """One frame of a clip, at three tenths of its size, with what was found in it."""
     with av.open(str(clip.made())) as container:
         picture = next(p for k, p in enumerate(container.decode(video=0)) if k == frame).to_ndarray(format="bgr24")
     tracks = with_kit(clip, FOLDER, coast_s=10.0)
@@ -29,7 +29,7 @@ def annotated(clip: Clip, frame: int) -> np.ndarray:
         elif point.status != "occluded":
             cv2.circle(picture, at, 16, GREEN if point.status == "observed" else ORANGE, 2, cv2.LINE_AA)
     cv2.putText(picture, clip.name, (500, 690), cv2.FONT_HERSHEY_SIMPLEX, 1.2, (20, 20, 20), 2, cv2.LINE_AA)
-    return cv2.resize(picture, None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA)
+    return cv2.resize(picture, None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 ENOUGH = 40  # distances; fewer tell no factor
 MOST = 25.0
+UNLIKE = 100.0  # dots that come apart by ten deviations are not on one bar, whatever the drawing says
 
 
 def stretch_factor(
@@ -41,7 +42,9 @@ def stretch_factor(
         known = np.isfinite(length)
         if known.sum() >= ENOUGH:
             off = length[known] - np.median(length[known])
-            ratio.append(off**2 / (sigma_m[known, a] ** 2 + sigma_m[known, b] ** 2))
+            squared = off**2 / (sigma_m[known, a] ** 2 + sigma_m[known, b] ** 2)
+            if np.median(squared) < UNLIKE:
+                ratio.append(squared)
     if not ratio:
         return 1.0
     squared = np.concatenate(ratio)

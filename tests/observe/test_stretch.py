@@ -30,6 +30,12 @@ def test_a_rolling_shutter_does_not_stretch_bars():
     assert stretch_factor(at, t, np.full((400, 2), 2e-5), ["bar", "bar"]) < 1.4
 
 
+def test_dots_that_the_drawing_wrongly_puts_on_one_bar_say_nothing():
+    at, t = bar(0.0)
+    at[:, 1] += 0.02 * np.sin(t[:, :1])
+    assert stretch_factor(at, t, np.full((400, 2), 2e-5), ["bar", "bar"]) == 1.0
+
+
 def test_dots_on_different_bodies_say_nothing():
     at, t = bar(RNG.normal(0, 1e-3, (400, 2, 2)))
     assert stretch_factor(at, t, np.full((400, 2), 2e-5), ["one", "other"]) == 1.0
