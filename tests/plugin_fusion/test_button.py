@@ -63,7 +63,7 @@ def test_one_press_saves_sends_shows_and_opens_the_page(start, tmp_path, opened)
         fusion.palette.say("ready")
         fusion.deliver(until=lambda: "done" in steps(fusion))
         assert len(service.folders) == 1
-    assert opened == [f"{service.url}/ui?mechanism={MECHANISM}"]
+    assert opened == [f"{service.url}/ui/mechanisms/{MECHANISM}"]
     assert fusion.boxes == []
     kinds = list(dict.fromkeys(steps(fusion)))
     assert kinds == ["read", "saved", "upload", "stored", "done"]

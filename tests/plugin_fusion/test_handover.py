@@ -53,7 +53,7 @@ def test_mechanism_and_meshes_arrive_and_what_fusion_said_stays_here(saved):
     assert set(files) == {"mechanism.json", *(f"meshes/{name}.stl" for name in ("Frame", "Crank", "Coupler", "Rocker"))}
     assert files["mechanism.json"] == saved.mechanism.read_bytes()
     assert told[-1]["step"] == "done"
-    assert told[-1]["page"] == f"{service.url}/ui?mechanism={MECHANISM}"
+    assert told[-1]["page"] == f"{service.url}/ui/mechanisms/{MECHANISM}"
 
 
 def test_the_upload_tells_its_share_from_the_first_to_the_last_byte(saved):

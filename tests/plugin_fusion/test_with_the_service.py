@@ -45,7 +45,7 @@ def test_the_service_takes_an_export_with_all_its_meshes(running, saved):
     (item,) = stored["items"]
     assert (item["summary"]["bodies"], item["summary"]["joints"]) == (4, 4)
     assert item["summary"]["missing_meshes"] == []
-    assert last["page"].endswith(f"/ui?mechanism={item['id']}")
+    assert last["page"].endswith(f"/ui/mechanisms/{item['id']}")
 
 
 def test_the_service_refuses_a_wrong_key_in_words_that_the_palette_shows(running, saved):

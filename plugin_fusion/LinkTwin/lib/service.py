@@ -92,7 +92,7 @@ class Service:
 
     def page(self, mechanism: str = "") -> str:
         """The address of the page, with a mechanism opened."""
-        return f"{self.url}/ui" + (f"?mechanism={mechanism}" if mechanism else "")
+        return f"{self.url}/ui/" + (f"mechanisms/{mechanism}" if mechanism else "")
 
     def _ask(self, method: str, path: str, data: object = None, headers: dict | None = None) -> dict:
         told = {"Accept": "application/json", **(headers or {})}
