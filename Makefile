@@ -7,13 +7,17 @@ WORKERS ?= 2
 LOCKED := $(VENV)/.locked
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint format bench lock clean
+.PHONY: demo test nightly lint format bench lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/linktwin demo --out out/demo
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadscope tests
+
+# Forty studies of hidden causes, made by other engines, diagnosed and scored; goes on where it was stopped.
+nightly: $(INSTALLED)
+	$(BIN)/linktwin blind --n 40 --seed 7 --mechanism pendulum --workers $(WORKERS) --out out/nightly
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
