@@ -190,7 +190,7 @@ class Seer:
         return float(np.sqrt(squares / max(count, 1)))
 
 
-SHARES = 10.0 ** np.linspace(-3.0, 0.0, 7)  # of what an effect's file expects: nobody knows the size of a flaw
+SHARES = 10.0 ** np.linspace(-3.0, 0.5, 8)  # of what an effect's file expects: nobody knows the size of a flaw
 
 
 def log_evidence(fitted: Fitted) -> float:

@@ -313,7 +313,7 @@ class _Inquiry:
         doubtful = self.enough(last) if verdict == "identified" else verdict == "approximate" and not nearly_all
         if doubtful and belief.unknown > DOUBT:
             verdict = "unknown"
-        if verdict == "identified" and len(belief.reported) > 1:
+        if verdict == "identified" and (len(belief.reported) > 1 or belief.unknown > max(belief.probability)):
             verdict = "ambiguous"
         free = shares(model_free)
         joints = {k: v for k, v in model_free.items() if k.startswith("joint:")}

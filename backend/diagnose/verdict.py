@@ -185,10 +185,8 @@ def _sentence(verdict: Verdict, causes: Sequence[CauseSet], places: Sequence[Loc
     if verdict == "identified":
         return f"The gap is {named}.{share}"
     if verdict == "ambiguous":
-        return (
-            f"The gap is {named}, or one of {reported - 1} other explanation(s) that these data cannot tell from it."
-            f"{share}"
-        )
+        others = f"one of {reported - 1} other explanation(s)" if reported > 1 else "something that the library lacks"
+        return f"The gap is {named}, or {others}; these data cannot tell which.{share}"
     if verdict == "approximate":
         return f"The gap is nearly {named}, but something else is missing too.{share}"
     where = f", most probably at {places[0].at}" if places else ""
