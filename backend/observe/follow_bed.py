@@ -29,7 +29,7 @@ class BedWatch:
     def __init__(self, px: Float[np.ndarray, "mark 2"], luma: UInt8[np.ndarray, "h w"], frames: int):
         self.first_px, self.px, self.step = px, px.copy(), np.zeros(2)
         k = np.arange(-REACH_PX, REACH_PX + 1, dtype=np.float32)
-        self.dv, self.du = (a.ravel() for a in np.meshgrid(k, k, indexing="ij"))
+        self.dv, self.du = np.repeat(k, len(k)), np.tile(k, len(k))
         seen = self._patches(luma, px)
         square = seen.reshape(len(px), len(k), len(k))
         slope_v, slope_u = np.gradient(square, axis=(1, 2))

@@ -53,7 +53,11 @@ class Targets(Protocol):
     found: Detections
     order: Int[np.ndarray, "n"]
     radius_px: float
-    look: DotLook | None
+
+    @property
+    def look(self) -> DotLook | None:
+        """How the dots look."""
+        ...
 
     def start(self, predictor: Predictor) -> None:
         """Follow with this predictor from now on."""
