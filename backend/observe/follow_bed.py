@@ -32,7 +32,7 @@ class BedWatch:
         self.dv, self.du = np.repeat(k, len(k)), np.tile(k, len(k))
         seen = self._patches(luma, px)
         square = seen.reshape(len(px), len(k), len(k))
-        slope_v, slope_u = np.gradient(square, axis=1), np.gradient(square, axis=2)
+        slope_v, slope_u = (np.asarray(np.gradient(square, axis=axis)) for axis in (1, 2))
         flat = np.ones_like(seen)
         basis = np.stack([slope_u.reshape(seen.shape), slope_v.reshape(seen.shape), seen, flat], -1)
         self.basis, self.solve = basis, np.linalg.pinv(basis)
