@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import fcntl
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from sqlalchemy import Connection, Engine, create_engine, event, inspect, text
@@ -21,6 +22,8 @@ class Database:
     def __init__(self, url: str):
         self.url = url
         self.engine = _engine(url)
+        # SQLite lets who waits for its one writer sleep and try again, the unlucky for seconds: threads here queue up.
+        self._turn = threading.Lock() if url.startswith("sqlite") else nullcontext()
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
@@ -31,7 +34,8 @@ class Database:
     @contextmanager
     def writing(self) -> Iterator[Session]:
         """A session that is committed at its end, or rolled back by whatever is raised inside."""
-        with Session(self.engine.execution_options(writing=True), expire_on_commit=False) as session, session.begin():
+        writer = self.engine.execution_options(writing=True)
+        with self._turn, Session(writer, expire_on_commit=False) as session, session.begin():
             yield session
 
     def migrate(self) -> None:
