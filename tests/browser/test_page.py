@@ -10,6 +10,7 @@ import pytest
 
 from tests.browser.clip import film_pendulum
 from tests.browser.conftest import SLOW
+from tests.browser.cost import spent_s
 
 PREPARED = Path(__file__).parent / "prepared"
 SAMPLE = Path(__file__).parents[2] / "samples" / "pendulum"
@@ -73,9 +74,14 @@ def test_the_motion_plays_in_the_browser_and_the_charts_follow(visit, diagnosis,
     page.wait_for_selector(".stage[data-replay]")
     asked = []
     page.on("request", lambda request: asked.append(request.url))
+    before = spent_s()
     per_s, own_ms, frames = page.evaluate(FRAMES, PLAYED_MS)
+    cost = ", ".join(f"{1e3 * (s - before[role]) / frames:.0f} ms {role}" for role, s in spent_s().items())
     with capsys.disabled():
-        print(f"\nplayback: {per_s:.0f} frames a second without a graphics card, {own_ms:.1f} ms of script a frame")
+        print(
+            f"\nplayback: {per_s:.0f} frames a second without a graphics card; a frame takes {own_ms:.1f} ms of script,"
+        )
+        print(f"          of processor time {cost}")
     assert frames > 2  # it moves; how smoothly is the machine's matter, and printed above
     assert asked == []  # sent once
     page.locator("svg.chart").first.scroll_into_view_if_needed()
