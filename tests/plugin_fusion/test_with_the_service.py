@@ -16,6 +16,7 @@ saved = test_handover.saved
 def running(tmp_path_factory):
     """The service's web process on a free port of this machine, asking for keys; its address and a key."""
     import uvicorn
+
     from backend.service.app import create_app
     from backend.service.keys import make_key
     from backend.service.service import open_service

@@ -173,3 +173,11 @@ def test_the_web_process_loads_no_solver_no_vision_no_cad_and_no_queue():
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []
+
+
+def test_clicks_may_be_left_empty_and_are_counted(client, drawing):
+    nobody = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
+    asked = {"kind": "track", "video": nobody, "mechanism": drawing, "bed": [], "clicks": None}
+    assert client.post("/api/v1/jobs", json=asked).status_code == 404  # no such clip; the request itself is sound
+    many = {f"m{k}": (1.0, 2.0) for k in range(1001)}
+    assert client.post("/api/v1/jobs", json={**asked, "clicks": many}).status_code == 422

@@ -113,9 +113,9 @@ class TrackRequest(Request):
         Field(description="Marks on the bed, in metres and pixels."),
     ]
     clicks: Annotated[
-        dict[str, tuple[float, float]] | None,
+        Annotated[dict[str, tuple[float, float]], Field(max_length=1000)] | None,
         AfterValidator(_writable),
-        Field(max_length=1000, description="Marker to pixel (x, y) in the first frame."),
+        Field(description="Marker to pixel (x, y) in the first frame."),
     ] = None
     keep_truncated: bool = False
 
