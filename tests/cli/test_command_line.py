@@ -1,7 +1,6 @@
 """The command line as a person meets it: help that is quick, answers that are clean, errors that are sentences."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -164,10 +163,10 @@ def test_a_step_of_zero_is_refused(drawing):
 def test_ctrl_c_asks_the_work_to_end_and_the_second_one_ends_it(capsys):
     with stoppable() as stopped:
         assert not stopped()
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
         assert stopped()
         with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
     assert "ending early" in capsys.readouterr().err
     with pytest.raises(KeyboardInterrupt):
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
