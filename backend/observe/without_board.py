@@ -20,14 +20,13 @@ from backend.observe.label import drawn_positions
 from backend.observe.placing import placing_sd_m, placing_slopes
 from backend.observe.project import pose
 from backend.observe.seen_bed import bed_in_picture
-from backend.observe.shared_error import MARK_SD_PX
+from backend.observe.shared_error import MARK_SD_PX, TAG_SD_PX
 from backend.observe.tracking_error import TrackingError
 from backend.observe.uncertainty import UNMEASURED_PX
 from backend.observe.video import Video
 from backend.observe.viewpoint import LENS, POSE, Viewpoint
 
 MOST_FRAMES = 40  # more tell little: what is left is the marks' and the bars' own error
-TAG_SD_PX = 0.1  # of a lens not yet known, which bends four corners unlike their middle
 BAR_SD_M = 1e-4  # what a bar's length differs from its drawing
 WORTH_SAYING_M, TOO_MUCH_M = 2.5e-4, 3e-3  # expected error of a dot's place: warned of, refused
 COVARIANCE = ("cov_xx_px2", "cov_xy_px2", "cov_yy_px2")

@@ -79,7 +79,8 @@ CLIPS = (
 def bed(clip: Clip) -> dict:
     """What a person with a ruler writes into the bed file of any of these clips."""
     tags = [{"id": k, "x_m": x, "y_m": y} for k, (x, y) in BED_TAGS.items()]
-    return {"tags": tags, "marker_height_m": 0.012, "readout_s": clip.scene.optics.readout_s}
+    exact = {"mark_sd_m": 0.0, "marker_height_sd_m": 1e-6}  # as rendered: nothing was printed or measured
+    return {"tags": tags, "marker_height_m": 0.012, "readout_s": clip.scene.optics.readout_s, **exact}
 
 
 def board_photos(folder: Path = FOLDER, optics: Optics | None = None, count: int = 24) -> list[Path]:

@@ -30,7 +30,7 @@ def calibrated(eye, rng):
 
 
 def bed_of(eye, rng, heights_m):
-    seen = eye.pixels(np.c_[TAGS, np.zeros(len(TAGS))]) + 0.1 * rng.standard_normal((len(TAGS), 2))
+    seen = eye.pixels(np.c_[TAGS, np.zeros(len(TAGS))]) + 0.04 * rng.standard_normal((len(TAGS), 2))
     marks = [
         {"id": f"tag {k}", "x_m": x, "y_m": y, "x_px": u, "y_px": v}
         for k, ((x, y), (u, v)) in enumerate(zip(TAGS, seen.tolist(), strict=True))

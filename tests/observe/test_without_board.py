@@ -25,7 +25,7 @@ from backend.observe.without_board import camera_from_bars
 from .filmed_fourbar import DRAWN, MARKERS, SIZE, TAGS, Eye, drawing, fourbar, raised, random_eye
 from .scenes import errors_m, film
 
-DOT_PX, TAG_PX = 0.05, 0.1  # noise of a tracked dot, and of a tag's centre
+DOT_PX, TAG_PX = 0.05, 0.04  # noise of a tracked dot, and of a tag's centre
 BED = {"mark_sd_m": 0.0}
 
 
@@ -91,7 +91,7 @@ def test_the_drawing_gives_every_length_that_the_dots_of_a_fourbar_keep():
 
 def test_dots_are_placed_to_a_fifteenth_of_a_millimetre_without_a_board(calibrated):
     error = np.concatenate([np.hypot(*placed(camera, clean, xy)[0].T) for _, _, xy, clean, camera in calibrated])
-    assert np.median(error) < 0.10e-3  # m; 0.07 is usual at 0.5 mm per pixel, with tags to 0.1 px
+    assert np.median(error) < 0.10e-3  # m; 0.07 is usual at 0.5 mm per pixel, with tags to 0.04 px
     assert np.quantile(error, 0.95) < 0.25e-3
 
 
@@ -130,7 +130,7 @@ def test_dots_on_no_bar_and_of_no_known_height_are_refused_in_millimetres():
     eye = Eye(height_m=0.55, tilt_rad=(0.02, 0.03, 0.0))
     tracks, _, _, bed = clip(eye, rng, np.full(5, 0.012), np.full(20, 1.0))
     lonely = tracks[tracks.marker.isin(("pivot", "knee"))]  # on no common bar
-    with pytest.raises(TrackingError, match=r"placed to [2-9]\.\d mm .*calibrate with the board.*marker_height_m"):
+    with pytest.raises(TrackingError, match=r"placed to [2-9](\.\d)? mm .*calibrate with the board.*marker_height_m"):
         camera_from_bars(lonely, drawing(), bed, SIZE)
     told = camera_from_bars(lonely, drawing(), bed.model_copy(update={"marker_height_m": 0.012}), SIZE)
     error_mm = float(re.search(r"placed to (\S+) mm", told.notes[0])[1])
