@@ -18,7 +18,7 @@ from backend.service.page.shell import page, tell, view
 from backend.service.page.stage import StageView
 from backend.service.page.timeline import Timeline
 from backend.service.page.upload import drop_zone
-from backend.service.page.work import work_table
+from backend.service.page.work import deletion, work_on, work_table
 from backend.service.problems import Problem
 from backend.service.service import Service
 from backend.service.things import find_thing
@@ -56,23 +56,8 @@ def mechanism_view(service: Service, owner: str, id: str) -> None:
             ):
                 parts(mechanism)
                 _ask(service, owner, id)
-        jobs = [job for job in list_jobs(service, owner, 100).rows if job.request.get("mechanism") == id]
-        if jobs:
-            tag("h2", "Work on it")
-            work_table(jobs)
-        with tag("details", style="margin-top: 28px"):
-            tag("summary", "Delete this mechanism")
-            said = tag("div")
-
-            def gone() -> None:
-                try:
-                    delete_mechanism(service, owner, id)
-                except Problem as problem:
-                    tell(problem, said)
-                    return
-                ui.navigate.to("/")
-
-            button("Delete it and its meshes", gone, "act danger")
+        work_on(service, owner, "mechanism", id, "Work on it")
+        deletion("mechanism", "Delete it and its meshes", lambda: delete_mechanism(service, owner, id))
     ui.timer(0.05, lambda: facts_beside(service, id, DRAWING, beside), once=True)
 
 

@@ -10,7 +10,7 @@ from backend.mechanism.kinds import effect_kinds
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.read import decode, parse
 from backend.mechanism.study import StudyFile
-from backend.service.jobs.desk import list_jobs, start_job
+from backend.service.jobs.desk import start_job
 from backend.service.jobs.requests import DiagnoseRequest, FitRequest, JamRequest
 from backend.service.mechanisms import parse_drawing
 from backend.service.page.drawing_view import facts_beside, staged
@@ -18,7 +18,7 @@ from backend.service.page.markup import button, choice, field, link, notice, tag
 from backend.service.page.shell import page, tell, view
 from backend.service.page.stage import StageView
 from backend.service.page.timeline import Timeline
-from backend.service.page.work import work_table
+from backend.service.page.work import deletion, work_on
 from backend.service.problems import Problem
 from backend.service.service import Service
 from backend.service.studies import STUDY
@@ -121,23 +121,8 @@ def study_view(service: Service, owner: str, id: str) -> None:
                 return
             ui.navigate.to(f"/jobs/{job.id}")
 
-        jobs = [job for job in list_jobs(service, owner, 100).rows if job.request.get("study") == id]
-        if jobs:
-            tag("h2", "Answers so far")
-            work_table(jobs)
-        with tag("details", style="margin-top: 28px"):
-            tag("summary", "Delete this study")
-            trouble = tag("div")
-
-            def gone() -> None:
-                try:
-                    delete_thing(service, owner, "study", id)
-                except Problem as problem:
-                    tell(problem, trouble)
-                    return
-                ui.navigate.to("/")
-
-            button("Delete it and its tables", gone, "act danger")
+        work_on(service, owner, "study", id, "Answers so far")
+        deletion("study", "Delete it and its tables", lambda: delete_thing(service, owner, "study", id))
     ui.timer(0.05, lambda: facts_beside(service, id, file.mechanism, beside), once=True)
 
 

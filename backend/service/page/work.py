@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+from nicegui import ui
 
 from backend.service.jobs.desk import list_jobs
-from backend.service.page.markup import empty, link, tag
-from backend.service.page.shell import page, view
+from backend.service.page.markup import button, empty, link, tag
+from backend.service.page.shell import page, tell, view
+from backend.service.problems import Problem
 from backend.service.records import Job
 from backend.service.service import Service
 
@@ -70,3 +73,28 @@ def lasted(s: float) -> str:
     if s < 5400:
         return f"{s / 60:.0f} min"
     return f"{s / 3600:.1f} h" if s < 48 * 3600 else f"{s / 86400:.0f} days"
+
+
+def work_on(service: Service, owner: str, kind: str, id: str, heading: str) -> None:
+    """The work asked of one stored thing, where there is any."""
+    jobs = [job for job in list_jobs(service, owner, 100).rows if job.request.get(kind) == id]
+    if jobs:
+        tag("h2", heading)
+        work_table(jobs)
+
+
+def deletion(what: str, words: str, delete: Callable[[], None]) -> None:
+    """A folded-away button that deletes one stored thing, and says why where that is refused."""
+    with tag("details", style="margin-top: 28px"):
+        tag("summary", f"Delete this {what}")
+        said = tag("div")
+
+        def gone() -> None:
+            try:
+                delete()
+            except Problem as problem:
+                tell(problem, said)
+                return
+            ui.navigate.to("/")
+
+        button(words, gone, "act danger")
