@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import scaled
@@ -13,7 +14,6 @@ from backend.diagnose.fitted import Fitted, log_evidence
 from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
 from backend.diagnose.which import Cause
-from backend.fit.noise import lag_one
 
 NONE, ONE, UNKNOWN, SEVERAL = 0.3, 0.5, 0.2, 0.1
 """Belief before any data in: nothing, one effect of the library, something that is not in it, several at once."""
@@ -56,8 +56,23 @@ def softness(best: Fitted) -> float:
     count each sample as evidence against its rivals.
     """
     power = best.chi2 / max(best.r.size - best.x.size, 1)
-    a = max(float(np.mean([lag_one(best.r[rows]) for rows in best.rows])), 0.0)
-    return min(1.0, (1.0 - a) / (1.0 + a) / max(power, 1.0))
+    free = sum(independent(best.r[rows]) for rows in best.rows) / best.r.size
+    return min(1.0, free / max(power, 1.0))
+
+
+def independent(r: Float[np.ndarray, " n"]) -> float:
+    """How many independent values a series is worth: n/m (1 - a)/(1 + a), a its correlation at the lag m.
+
+    m is the lag at which that is most: one for noise with memory, a quarter of a period for a smooth miss, of which the
+    number is the same however finely it is sampled.
+    """
+    n = r.size
+    if n < 2 or not np.any(r):
+        return float(n)
+    power = np.abs(np.fft.rfft(r, 2 * n)) ** 2
+    lag = np.arange(1, max(n // 4, 2))
+    a = np.maximum(np.fft.irfft(power)[lag] / float(r @ r), 0.0)
+    return float(np.max(n / lag * (1.0 - a) / (1.0 + a)))
 
 
 def weigh(
@@ -72,7 +87,7 @@ def weigh(
     """Probabilities from evidence and the beliefs before any data."""
     width = scale / np.sqrt(softness)
     z = np.array([log_evidence(scaled(c.fitted, width)) for c in causes])
-    prior = np.array([np.log(_prior(len(c.candidates), library_size)) + c.log_odds for c in causes])
+    prior = np.array([log_prior(len(c.candidates), library_size) + c.log_odds for c in causes])
     order = np.argsort(-(z + prior))
     causes, z, prior = [causes[i] for i in order], z[order], prior[order]
     rest = []
@@ -83,11 +98,12 @@ def weigh(
     return Belief(tuple(causes), p, z + prior, float(np.exp(rest[0] - total)), float(np.exp(rest[1] - total)))
 
 
-def _prior(size: int, library: int) -> float:
+def log_prior(size: int, library: int) -> float:
+    """Of one set of so many effects of a library, before any data and apart from what its kinds are worth."""
     ways = 1.0
     for k in range(size):
         ways *= (library - k) / (k + 1.0)
-    return (ONE if size == 1 else SEVERAL * 0.3 ** (size - 2)) / ways
+    return float(np.log((ONE if size == 1 else SEVERAL * 0.3 ** (size - 2)) / ways))
 
 
 def aliases(

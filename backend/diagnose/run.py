@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
-from backend.diagnose.belief import Belief, aliases, softness, weigh
+from backend.diagnose.belief import Belief, aliases, log_prior, softness, weigh
 from backend.diagnose.fitted import log_evidence
 from backend.diagnose.kept import Kept
 from backend.diagnose.latent import Latent, forces, responses
@@ -159,6 +159,8 @@ class _Inquiry:
             if found is not None and not self.better(top, best, judged, found):
                 break
             best, found = top, judged
+            if len(top.candidates) > 1 and not self.enough(judged):
+                best, found = top, judged = self.exchanged(top, judged)
             if top.fitted.fraction == 1.0:
                 self.scale = max(1.0, min(judged.noise, 1.5))
             if self.enough(judged) or depth == DEEPEST or self.cancelled() or self.little(top, judged, at_base, depth):
@@ -166,9 +168,25 @@ class _Inquiry:
             if self.out_of_reach(top, judged):
                 self.tell("nothing smooth in the library could take what is left")
                 break
-            level = self.search.level(leaders[: LEADERS if depth < SURE else 1], PARTNERS)
+            level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS)
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
+        return best, found
+
+    def exchanged(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
+        """The best set with members given up or exchanged, as long as that makes it more probable."""
+        for _ in best.candidates:
+            others = [c for c in self.search.exchanged(best) if c.fitted.fraction == best.fitted.fraction]
+            top = self.most_probable(best, others)
+            if top is best or self.cancelled():
+                break
+            self.search.look_again(top)
+            best, found = top, adequacy(top.fitted, self.search.latent, self.rng)
+            self.tell(
+                f"{' + '.join(best.names)} instead leaves {found.excess:.3g} of the noise's power, p {found.p:.2g}"
+            )
+            if self.enough(found):
+                break
         return best, found
 
     def switching(self, baseline: Cause, best: Cause, last: Adequacy, at_base: Adequacy) -> tuple[Cause, Adequacy]:
@@ -236,6 +254,17 @@ class _Inquiry:
         longest = max((c.fitted.fraction for c in level), default=1.0)
         at = [c for c in level if c.fitted.fraction == longest]
         return sorted(at, key=lambda c: -(log_evidence(scaled(c.fitted, self.scale)) + c.log_odds))
+
+    def most_probable(self, best: Cause, others: Sequence[Cause]) -> Cause:
+        """Of sets of any size, by as much of the likelihood as the closest fit bears; another must be worth it."""
+        count, closest = len(self.subject.library.candidates), min([best, *others], key=lambda c: c.fitted.chi2)
+        width = self.scale / np.sqrt(softness(scaled(closest.fitted, self.scale)))
+
+        def weight(c: Cause) -> float:
+            return log_evidence(scaled(c.fitted, width)) + c.log_odds + log_prior(len(c.candidates), count)
+
+        top = max([best, *others], key=weight)
+        return top if weight(top) > weight(best) + WORTH else best
 
     def better(self, top: Cause, best: Cause, judged: Adequacy, found: Adequacy) -> bool:
         """Whether one more effect earned its place."""

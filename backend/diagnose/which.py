@@ -61,7 +61,10 @@ class Cause:
 
 @dataclass
 class Search:
-    """One family of the library searched level by level. Everything tried is kept in `tried`, by names."""
+    """One family of the library searched level by level. Everything tried is kept in `tried`, by names.
+
+    followed: share of the records that the drawing follows.
+    """
 
     subject: Subject
     tell: Callable[[str], None]
@@ -72,6 +75,7 @@ class Search:
         self.tried: dict[tuple[str, ...], Cause] = {}
         self.screens: dict[tuple[str, ...], Screen] = {}
         self.raw: list[np.ndarray] = []
+        self.followed = 1.0
 
     @property
     def latent(self) -> Latent:
@@ -83,6 +87,7 @@ class Search:
     def baseline(self) -> Cause:
         """The drawing with its tolerances alone, as far into the records as it follows them."""
         made = self.follow(self.subject.choose())
+        self.followed = made.fraction
         if made.fraction == 1.0:
             self._correct_steps(made)
             made = fit(self.subject, made.choice, start=made.x)
@@ -176,11 +181,42 @@ class Search:
                 known |= about.guess(candidate)
                 start = start_of(self.subject, choice, known)
                 start[len(choice.parameters) :] = parent.fitted.x[parent.fitted.count :]
-                fitted = fit(self.subject, choice, start=start, fractions=(parent.fitted.fraction,))
+                fitted = fit(self.subject, choice, start=start, fractions=self._horizons(parent))
                 if np.isfinite(fitted.chi2):  # a set that loses the motion from its start explains nothing
                     fits.append(fitted)
             made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
+
+    def _horizons(self, cause: Cause) -> tuple[float, ...]:
+        """Shares of the records over which a set like the cause is fitted, one after the other: where the drawing
+        loses the motion, values that follow the whole of it badly do not lead to those that follow it well.
+        """
+        return tuple(f for f in FRACTIONS if self.followed <= f <= cause.fitted.fraction)
+
+    def exchanged(self, cause: Cause) -> list[Cause]:
+        """Each member given up, for nothing and for another candidate: of a set that grew one by one, the first may
+        have stood for two that joined it since.
+        """
+        made = []
+        for member in cause.candidates:
+            rest = self._without(cause, member)
+            made += [rest, *self.level([rest], PARTNERS)]
+        return made
+
+    def _without(self, cause: Cause, member: Candidate) -> Cause:
+        """What remains of a cause, begun where the cause ended."""
+        choice = self.subject.choose(*(c for c in cause.candidates if c is not member))
+        known = dict(zip((p.name for p in cause.fitted.choice.parameters), cause.fitted.values, strict=True))
+        start = start_of(self.subject, choice, known)
+        start[len(choice.parameters) :] = cause.fitted.x[cause.fitted.count :]
+        fitted = fit(self.subject, choice, start=start, fractions=self._horizons(cause))
+        rest = Cause(fitted, log_evidence(fitted))
+        before = self.tried.get(rest.names)
+        if before is not None and before.fitted.fraction == fitted.fraction and not rest.log_z > before.log_z:
+            return before
+        self.screens.pop(rest.names, None)
+        self.tried[rest.names] = rest
+        return rest
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
         """The same sets over longer records, as far as the best of them follows."""

@@ -133,6 +133,25 @@ def test_the_gap_shrinks_to_the_noise_where_nothing_was_fitted(rubbed):
     assert held.after_rms_m < 1.3 * held.noise_rms_m
 
 
+def test_a_member_that_stood_for_another_is_exchanged_for_it(drawing):
+    from backend.diagnose.fitted import fit, log_evidence
+    from backend.diagnose.library import SMOOTH, library
+    from backend.diagnose.subject import prepare
+    from backend.diagnose.which import Cause, Search
+
+    told = study(drawing, 5, lambda t, q, rate: rubbing(t, q, rate) - 4e-3 * rate)
+    search = Search(prepare(told, library(drawing, SMOOTH, told.tolerances, FEW), 2e-3), lambda w: None, lambda: False)
+    search.baseline()
+    of = {c.name: c for c in search.subject.library.candidates}
+    fitted = fit(search.subject, search.subject.choose(of["coulomb_friction:j1"], of["air_drag:bar"]))
+    wrong = Cause(fitted, log_evidence(fitted))
+    tried = {c.names: c for c in search.exchanged(wrong)}
+    assert ("coulomb_friction:j1",) in tried  # given up for nothing
+    right = tried[("coulomb_friction:j1", "viscous_friction:j1")]
+    assert right.fitted.chi2 < wrong.fitted.chi2 - 9.0
+    assert right.fitted.values[1] == pytest.approx(4e-3, rel=0.1)
+
+
 def test_a_drawing_that_is_right_has_no_gap(drawing):
     from backend.diagnose.run import diagnose_study
 
