@@ -45,6 +45,7 @@ NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its 
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
+NAMED = 1.0  # log odds by which a set must be more probable to take another's place
 SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
 
@@ -264,7 +265,7 @@ class _Inquiry:
             return log_evidence(scaled(c.fitted, width)) + c.log_odds + log_prior(len(c.candidates), count)
 
         top = max([best, *others], key=weight)
-        return top if weight(top) > weight(best) + WORTH else best
+        return top if weight(top) > weight(best) + NAMED else best
 
     def better(self, top: Cause, best: Cause, judged: Adequacy, found: Adequacy) -> bool:
         """Whether one more effect earned its place."""
