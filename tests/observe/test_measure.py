@@ -68,6 +68,21 @@ def test_the_preview_is_a_clip_of_its_own(measured):
     assert shown == 160 / 4  # one of four: 60 of the 240 pictures of a second
 
 
+def test_who_watches_sees_the_dots_as_they_are_followed(eight_dots, tmp_path):
+    import cv2
+
+    seen = []
+
+    def watch(done, total):
+        if (picture := cv2.imread(str(tmp_path / "watching.jpg"))) is not None:
+            seen.append(picture)
+
+    track_video(eight_dots.path, eight_dots.mechanism, eight_dots.bed, out_dir=tmp_path, progress=watch)
+    green = (seen[-1][..., 1] > 150) & (seen[-1][..., 2] < 140) & (seen[-1][..., 0] < 140)
+    assert green.sum() > 8 * 20  # a ring about each of eight dots
+    assert not (tmp_path / "watching.jpg").exists()  # the clip is whole now
+
+
 def test_a_hidden_dot_is_occluded_and_then_known_again(tmp_path):
     # "swing" moves to the right past x = 15 mm early on; the card lies there for 20 frames and then is gone.
     times = np.arange(80) / 240

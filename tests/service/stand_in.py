@@ -1,7 +1,7 @@
 """Stands in for `linktwin` as a job's program: as long as it is told, no longer to start than Python itself.
 
 LEDGER, then the arguments of `linktwin`.  Each start and each end is one line of the ledger.  What it does, the options
-of `simulate` say: --duration seconds of work in steps that are told; --solve=reduced fails; --threshold=0.5 dies of a
+of `simulate` say: --duration seconds of work in steps that are told and shown; --solve=reduced fails; --threshold=0.5 dies of a
 signal once; --threshold=0.25 leaves a process of its own behind; --threshold=0.125 takes 100 MB.  `fit` keeps a
 checkpoint, dies of a signal, and goes on from it.
 """
@@ -47,6 +47,7 @@ print("words on the way", file=sys.stderr)
 for tenth in range(10):
     Path(f"{progress}.part").write_text(json.dumps({"part": tenth / 10, "words": "standing in"}))
     os.replace(f"{progress}.part", progress)
+    (out / "watching.jpg").write_text(f"tenth {tenth}")
     time.sleep(float(options["duration"]) / 10)
 (out / "inner").mkdir()
 (out / "inner" / "motion.csv").write_text("time_s\n0\n")

@@ -100,6 +100,20 @@ def test_a_fit_that_was_cut_off_goes_on_from_its_checkpoint_kept_in_an_object_st
     assert "fit.checkpoint.json" not in {file.path for file in job_files(service, LOCAL, job.id)}
 
 
+def test_what_a_job_shows_of_its_work_is_seen_while_it_runs_and_is_no_result(opened):
+    service = opened()
+    job = simulation(service, duration_s=1.5)
+    working = threading.Thread(target=carry_out, args=(service, job.id, ME, lambda: True))
+    working.start()
+    try:
+        until("a picture", lambda: [f.path for f in files_of(service, f"checkpoint:{job.id}")] == ["watching.jpg"])
+    finally:
+        working.join()
+    assert find_job(service, LOCAL, job.id).state == "succeeded"
+    assert files_of(service, f"checkpoint:{job.id}") == []
+    assert "watching.jpg" not in {file.path for file in job_files(service, LOCAL, job.id)}
+
+
 @pytest.mark.parametrize(
     ("limits", "options", "says"),
     [

@@ -1,4 +1,4 @@
-"""Checkpoints of long jobs, kept in storage while they run, so that another machine can go on."""
+"""Checkpoints of long jobs, kept in storage while they run, for another machine to go on from; and what is watched."""
 
 from __future__ import annotations
 
@@ -9,25 +9,27 @@ from pathlib import Path
 
 from sqlmodel import select
 
-from backend.service.jobs.command import CHECKPOINTS
+from backend.service.jobs.command import CHECKPOINTS, WATCHED
 from backend.service.jobs.holding import Claim, lost
 from backend.service.records import StoredFile
 from backend.service.service import Service
 from backend.service.things import CHECKPOINT, drop_files, files_of, stored
 
+WATCHED_EVERY_S = 2.0
+
 
 class Checkpoints:
-    """What a job's command keeps in its folder to go on from, copied away whenever it has changed."""
+    """What a job's command keeps in its folder to go on from, or shows of its work, copied away when it has changed."""
 
     def __init__(self, service: Service, claim: Claim, out: Path):
         self.service, self.claim, self.out = service, claim, out
         self.of = CHECKPOINT + claim.job.id
         self._copied: dict[str, int] = {}
-        self._last = time.monotonic()
+        self._last: dict[str, float] = {name: time.monotonic() for name in CHECKPOINTS}
 
     def restore(self) -> bool:
         """Lay the last ones in the folder; whether there were any."""
-        kept = files_of(self.service, self.of)
+        kept = [file for file in files_of(self.service, self.of) if file.path in CHECKPOINTS]
         for file in kept:
             with (self.out / file.path).open("wb") as target:
                 for chunk in self.service.storage.chunks(file.key):
@@ -36,10 +38,11 @@ class Checkpoints:
 
     def copy(self) -> None:
         """Keep what changed since the last copy; not more often than every few seconds."""
-        if time.monotonic() - self._last < self.service.settings.checkpoint_s:
-            return
-        self._last = time.monotonic()
-        for name in CHECKPOINTS:
+        now = time.monotonic()
+        for name in (*CHECKPOINTS, WATCHED):
+            pause = WATCHED_EVERY_S if name == WATCHED else self.service.settings.checkpoint_s
+            if now - self._last.get(name, 0.0) < pause:
+                continue
             path = self.out / name
             try:
                 written = os.stat(path).st_mtime_ns
@@ -47,7 +50,7 @@ class Checkpoints:
                 continue
             if self._copied.get(name) != written:
                 self._keep(path)
-                self._copied[name] = written
+                self._copied[name], self._last[name] = written, now
 
     def drop(self) -> None:
         """Forget them: the job has ended."""

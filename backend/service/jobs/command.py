@@ -14,6 +14,7 @@ from backend.service.studies import STUDY
 from backend.service.things import files_of
 
 CHECKPOINTS = ("fit.checkpoint.json", "diagnosis.kept.jsonl")
+WATCHED = "watching.jpg"  # what `linktwin track` is looking at
 
 
 def arguments(service: Service, request: dict[str, Any], inputs: Path, out: Path, resume: bool) -> list[str]:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from backend.service.jobs.checkpoint import Checkpoints
-from backend.service.jobs.command import CHECKPOINTS, arguments
+from backend.service.jobs.command import CHECKPOINTS, WATCHED, arguments
 from backend.service.jobs.desk import REPORT
 from backend.service.jobs.holding import Claim, HeldElsewhere, claim, finish, give_back, lost, note_progress
 from backend.service.jobs.process import Ended, complaint, run, said
@@ -107,7 +107,7 @@ def _files(service: Service, mine: Claim, folder: Path) -> list[StoredFile]:
         report.pop("files", None)  # paths on this machine; they are listed beside
         (out / REPORT).write_text(json.dumps(report, indent=1, ensure_ascii=False), encoding="utf-8")
     paths = sorted(path for path in out.rglob("*") if path.is_file() and not path.is_symlink())
-    wanted = [path for path in paths if path.name not in CHECKPOINTS and not path.name.startswith(".")]
+    wanted = [path for path in paths if path.name not in (*CHECKPOINTS, WATCHED) and not path.name.startswith(".")]
     return [
         stored(mine.job.id, path.relative_to(out).as_posix(), service.storage.put(path)) for path in wanted[:MOST_FILES]
     ]  # fmt: skip

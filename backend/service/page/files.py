@@ -11,13 +11,14 @@ from fastapi import Request
 from fastapi.responses import FileResponse, Response
 from starlette.background import BackgroundTask
 
+from backend.service.jobs.command import WATCHED
 from backend.service.jobs.desk import find_job
 from backend.service.page.access import owner_from, shared_job
 from backend.service.page.running import brought, first_frame
 from backend.service.problems import Problem
 from backend.service.records import Kind
 from backend.service.service import Service
-from backend.service.things import file_of, files_of, find_thing, media_type
+from backend.service.things import CHECKPOINT, file_of, files_of, find_thing, media_type
 
 ROOMS: dict[str, Kind] = {"mechanisms": "mechanism", "studies": "study", "videos": "video"}
 SHOWN = (
@@ -64,6 +65,20 @@ def add_files(app, service_of) -> None:
             return FileResponse(await first_frame(service, id), media_type="image/png")
         except Problem as problem:
             return Response(problem.detail, problem.status, media_type="text/plain")
+
+    @app.get("/watching/{id}.jpg", include_in_schema=False)
+    async def watching(request: Request, id: str) -> Response:
+        service = service_of()
+
+        def latest() -> bytes:
+            find_job(service, owner_from(service, request), id)
+            return service.storage.read(file_of(service, CHECKPOINT + id, WATCHED).key)
+
+        try:
+            picture = await asyncio.to_thread(latest)
+        except Problem as problem:
+            return Response(problem.detail, problem.status, media_type="text/plain")
+        return Response(picture, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
 
 def _owned(service: Service, request: Request, room: str, id: str) -> str:

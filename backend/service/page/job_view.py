@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from backend.mechanism.mechanism import Mechanism
+from backend.service.jobs.command import WATCHED
 from backend.service.jobs.desk import cancel_job, delete_job, find_job, progress_of
 from backend.service.mechanisms import parse_drawing
 from backend.service.page import results
@@ -22,7 +23,7 @@ from backend.service.page.work import NAMES, ago, lasted
 from backend.service.problems import Problem
 from backend.service.records import FINISHED, Job, Thing
 from backend.service.service import Service
-from backend.service.things import file_of, files_of
+from backend.service.things import CHECKPOINT, file_of, files_of
 
 EVERY_S = 0.5
 SHOW_LINK = """() => setTimeout(() => {
@@ -95,6 +96,8 @@ def _running(service: Service, owner: str, job: Job, name: str) -> None:
         with gauge:
             bar = tag("i")
         times = tag("p", "Asked " + ago(job.created), "note")
+    picture = tag("img", look="watched", alt="The dots as they are followed now")
+    picture.set_visibility(False)
     tag("p", "You can close this page: the work goes on, and stands under Work.", "note")
 
     async def look() -> None:
@@ -111,6 +114,9 @@ def _running(service: Service, owner: str, job: Job, name: str) -> None:
             gauge.props["aria-valuenow"] = round(100 * told.part)
             bar.style(f"width: {100 * told.part:.1f}%")
             left = f", about {lasted(told.remaining_s)} left" if told.remaining_s is not None else ""
+            if (seen := await asyncio.to_thread(_watched, service, job.id)) is not None:
+                picture.props(f'src="{ROOT}/watching/{job.id}.jpg?{seen}"')  # another address for another picture
+                picture.set_visibility(True)
             times.set_text(f"{100 * told.part:.0f}%, {lasted(told.elapsed_s)} so far{left}")  # type: ignore[attr-defined]
 
     def end() -> None:
@@ -121,6 +127,11 @@ def _running(service: Service, owner: str, job: Job, name: str) -> None:
             tell(problem, said)
 
     clock = ui.timer(EVERY_S, look)
+
+
+def _watched(service: Service, id: str) -> str | None:
+    """Which picture of the work lies there now; none for work that shows none."""
+    return next((file.sha256[:16] for file in files_of(service, CHECKPOINT + id) if file.path == WATCHED), None)
 
 
 def _finished(service: Service, job: Job, name: str, shared: str = "") -> None:
