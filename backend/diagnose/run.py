@@ -45,7 +45,7 @@ NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its 
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
-NAMED = 1.0  # log odds by which a set must be more probable to take another's place
+NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
 SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
 
@@ -161,7 +161,7 @@ class _Inquiry:
                 break
             best, found = top, judged
             if len(top.candidates) > 1 and not self.enough(judged):
-                best, found = top, judged = self.exchanged(top, judged)
+                best, found = top, judged = self.exchanged(top, judged, WORTH)
             if top.fitted.fraction == 1.0:
                 self.scale = max(1.0, min(judged.noise, 1.5))
             if self.enough(judged) or depth == DEEPEST or self.cancelled() or self.little(top, judged, at_base, depth):
@@ -172,20 +172,20 @@ class _Inquiry:
             level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS)
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
+        if len(best.candidates) > SURE and not self.cancelled():
+            best, found = self.exchanged(best, found, NAMED)
         return best, found
 
-    def exchanged(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
-        """The best set with members given up or exchanged, as long as that makes it more probable."""
+    def exchanged(self, best: Cause, found: Adequacy, worth: float) -> tuple[Cause, Adequacy]:
+        """The best set with members given up or exchanged, as long as that makes it so much more probable."""
         for _ in best.candidates:
-            others = [c for c in self.search.exchanged(best) if c.fitted.fraction == best.fitted.fraction]
-            top = self.most_probable(best, others)
+            self.search.exchange(best)
+            top = self.most_probable(best, worth)
             if top is best or self.cancelled():
                 break
             self.search.look_again(top)
             best, found = top, adequacy(top.fitted, self.search.latent, self.rng)
-            self.tell(
-                f"{' + '.join(best.names)} instead leaves {found.excess:.3g} of the noise's power, p {found.p:.2g}"
-            )
+            self.tell(f"{' + '.join(best.names)} instead leaves {found.excess:.3g} of the noise's power")
             if self.enough(found):
                 break
         return best, found
@@ -256,16 +256,23 @@ class _Inquiry:
         at = [c for c in level if c.fitted.fraction == longest]
         return sorted(at, key=lambda c: -(log_evidence(scaled(c.fitted, self.scale)) + c.log_odds))
 
-    def most_probable(self, best: Cause, others: Sequence[Cause]) -> Cause:
-        """Of sets of any size, by as much of the likelihood as the closest fit bears; another must be worth it."""
-        count, closest = len(self.subject.library.candidates), min([best, *others], key=lambda c: c.fitted.chi2)
+    def most_probable(self, best: Cause, worth: float) -> Cause:
+        """Of all sets tried that are no larger, by as much of the likelihood as the closest fit bears; others must be
+        worth it.
+        """
+        count = len(self.subject.library.candidates)
+        sets = [
+            c for c in self.search.tried.values()
+            if 0 < len(c.candidates) <= len(best.candidates) and c.fitted.fraction == best.fitted.fraction
+        ]  # fmt: skip
+        closest = min(sets, key=lambda c: c.fitted.chi2)
         width = self.scale / np.sqrt(softness(scaled(closest.fitted, self.scale)))
 
         def weight(c: Cause) -> float:
             return log_evidence(scaled(c.fitted, width)) + c.log_odds + log_prior(len(c.candidates), count)
 
-        top = max([best, *others], key=weight)
-        return top if weight(top) > weight(best) + NAMED else best
+        top = max(sets, key=weight)
+        return top if weight(top) > weight(best) + worth else best
 
     def better(self, top: Cause, best: Cause, judged: Adequacy, found: Adequacy) -> bool:
         """Whether one more effect earned its place."""

@@ -193,15 +193,12 @@ class Search:
         """
         return tuple(f for f in FRACTIONS if self.followed <= f <= cause.fitted.fraction)
 
-    def exchanged(self, cause: Cause) -> list[Cause]:
-        """Each member given up, for nothing and for another candidate: of a set that grew one by one, the first may
-        have stood for two that joined it since.
+    def exchange(self, cause: Cause) -> None:
+        """Try what remains with each member given up, and with another candidate in its place: of a set that grew one
+        by one, the first may have stood for two that joined it since.
         """
-        made = []
         for member in cause.candidates:
-            rest = self._without(cause, member)
-            made += [rest, *self.level([rest], PARTNERS)]
-        return made
+            self.level([self._without(cause, member)], PARTNERS)
 
     def _without(self, cause: Cause, member: Candidate) -> Cause:
         """What remains of a cause, begun where the cause ended."""
