@@ -14,7 +14,6 @@ frame the latch opened.
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import tempfile
 import time
@@ -75,7 +74,7 @@ def film(play_m: float) -> LooseClip:
 
 def places(tracks: pd.DataFrame) -> pd.DataFrame:
     """Metres alone."""
-    return tracks[["time_s", "marker", "x_m", "y_m", "z_m", "sigma_m"]]
+    return tracks.filter(items=["time_s", "marker", "x_m", "y_m", "z_m", "sigma_m"])
 
 
 def truth(clip: LooseClip, folder: Path) -> pd.DataFrame:
@@ -146,10 +145,12 @@ def line(clip: LooseClip, way: str) -> str:
     found = [result.values[name] for name in FREE]
     off = [100 * (value / true - 1) for value, true in zip(found, truths, strict=True)]
     sd = 100 * result.uncertainty.sd[:2] / truths[:2]
-    return (
-        f"| {way} | {s['median']:.3f} / {s['p95']:.3f} | {s['swaps']} | {1e3 * found[0]:.4f} | {off[0]:+.2f} ({sd[0]:.2f}) "
-        f"| {off[1]:+.1f} ({sd[1]:.1f}) | {1e3 * found[2]:.2f} | {result.spread:.1f} | {time.perf_counter() - begin:.0f} |"
-    )
+    cells = (
+        way, f"{s['median']:.3f} / {s['p95']:.3f}", s["swaps"], f"{1e3 * found[0]:.4f}", f"{off[0]:+.2f} ({sd[0]:.2f})",
+        f"{off[1]:+.1f} ({sd[1]:.1f})", f"{1e3 * found[2]:.2f}", f"{result.spread:.1f}",
+        f"{time.perf_counter() - begin:.0f}",
+    )  # fmt: skip
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 def main() -> None:
@@ -161,7 +162,8 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     clip = film(1e-3 * asked.play)
     print(
-        f"play {asked.play:g} mm, friction {DAMPING:g} N m s/rad, latch {1e3 * DELAY_S:g} ms after the last still frame\n"
+        f"play {asked.play:g} mm, friction {DAMPING:g} N m s/rad, latch {1e3 * DELAY_S:g} ms after the last still frame"
+        "\n"
         "| way | tracks: median / 95%, mm | swaps | play found, mm | play off (sd), % | friction off (sd), % "
         "| latch, ms | misfit, sigmas | s |\n|---|---|---|---|---|---|---|---|---|"
     )

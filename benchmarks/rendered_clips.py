@@ -24,6 +24,7 @@ from backend.observe.without_board import calibrate_from_clip
 from benchmarks.filming import paper
 from benchmarks.filming.clips import CLIPS, FOLDER, Clip, bed, board_photos
 from benchmarks.filming.renderer import FIRST_TARGET_TAG
+
 RULER_M = 4e-4  # by which a ruler misread the dots' height; half a millimetre is what the bed file says of it
 
 

@@ -1,6 +1,6 @@
 """The dots of a picture as of one time, although a rolling shutter reads their rows one after another.
 
-Distances on a bar, and marks seen by a camera that moves, hold at one time only: at 1 m/s a millisecond is a millimetre.
+The ends of a bar keep their distance at one time only: at 1 m/s a millisecond is a millimetre.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ def pictures(
     usual_px2: variance per axis where the tracks state none.
     """
     frame, row = np.unique(tracks["frame" if "frame" in tracks else "time_s"].to_numpy(float), return_inverse=True)
-    column = tracks["marker"].map({name: k for k, name in enumerate(markers)}).to_numpy()
+    index = {name: k for k, name in enumerate(markers)}
+    column = np.array([index[str(name)] for name in tracks["marker"]], int)
     shape = (len(frame), len(markers))
     px, time_s = np.full((*shape, 2), np.nan), np.full(shape, np.nan)
     px[row, column], time_s[row, column] = tracks[["x_px", "y_px"]].to_numpy(float), tracks["time_s"].to_numpy(float)

@@ -68,8 +68,9 @@ def point_covariance(
     """Covariance of every point [px^2]: its track's noise, more where a picture was noisier than usual.
 
     px holds NaN where nothing was seen; single_px2 is what each picture predicts by itself; only `whole`
-    points are judged.  A bare dot's pictures tell how far two ways of placing it disagree, which lasts for many pictures
-    and so leaves no differences along the track: no point is better than that, on the mean over its pictures.
+    points are judged.  A bare dot's pictures tell how far two ways of placing it disagree, which lasts for many
+    pictures and so leaves no differences along the track: no point is better than that, on the mean over its
+    pictures.
     """
     track = np.where(whole[..., None], px, np.nan)
     noise: list[np.ndarray | None] = []
