@@ -14,6 +14,7 @@ frame the latch opened.
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import tempfile
 import time
@@ -22,7 +23,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import av
 import jax
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
@@ -121,9 +124,14 @@ WAYS: dict[str, Callable[[LooseClip, Path], pd.DataFrame]] = {
 }
 
 
+def folder_of(clip: LooseClip, way: str) -> Path:
+    """Where a way's study and fit.json are."""
+    return OUT / f"{way}_{1e6 * clip.play_m:.0f}um"
+
+
 def fitted(clip: LooseClip, way: str) -> tuple[pd.DataFrame, FitResult]:
     """Tracks in one way, and the fit to them: a study that `linktwin fit` reads as well."""
-    folder = OUT / f"{way}_{1e6 * clip.play_m:.0f}um"
+    folder = folder_of(clip, way)
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     tracks = WAYS[way](clip, folder)
@@ -153,14 +161,40 @@ def line(clip: LooseClip, way: str) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
+def picture(clip: LooseClip, frame: int, path: Path) -> None:
+    """One frame as the kit's tracks see it, and the play that every way has found, from what is in OUT."""
+    with av.open(str(clip.made())) as container:
+        shown = next(p for k, p in enumerate(container.decode(video=0)) if k == frame).to_ndarray(format="rgb24")
+    figure, (film_axes, axes) = plt.subplots(1, 2, figsize=(11, 3.4), width_ratios=(2, 1), layout="constrained")
+    tracks = pd.read_csv(folder_of(clip, "kit") / "tracks.csv")
+    points = tracks[tracks.frame == frame]
+    film_axes.imshow(shown)
+    film_axes.plot(points.x_px, points.y_px, "o", mfc="none", mec="lime", ms=9)
+    film_axes.set(
+        xticks=[], yticks=[], title=f"{1e3 * (frame / clip.scene.rate - clip.release_s):.0f} ms after the latch"
+    )
+    done = [way for way in WAYS if (folder_of(clip, way) / "fit.json").exists()]
+    for k, way in enumerate(done):
+        found = json.loads((folder_of(clip, way) / "fit.json").read_text())["parameters"][0]
+        axes.errorbar(1e3 * found["value"], -k, xerr=1e3 * 1.96 * found["sd"], fmt="o", capsize=4)
+    axes.axvline(1e3 * clip.play_m, color="k", lw=0.8)
+    axes.axvspan(0.95e3 * clip.play_m, 1.05e3 * clip.play_m, color="k", alpha=0.08)
+    axes.set(yticks=[-k for k in range(len(done))], yticklabels=done, xlabel="play found, mm", title="truth and 5%")
+    figure.savefig(path, dpi=100)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("ways", nargs="*", choices=[[], *WAYS], default=[])
     parser.add_argument("--play", type=float, default=1.0, help="mm")
+    parser.add_argument("--picture", type=Path, help="draw what was found instead, into this file")
     asked = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     clip = film(1e-3 * asked.play)
+    if asked.picture:
+        picture(clip, frame=45, path=asked.picture)
+        return
     print(
         f"play {asked.play:g} mm, friction {DAMPING:g} N m s/rad, latch {1e3 * DELAY_S:g} ms after the last still frame"
         "\n"
