@@ -171,7 +171,9 @@ def picture(clip: LooseClip, frame: int, path: Path) -> None:
     film_axes.imshow(shown)
     film_axes.plot(points.x_px, points.y_px, "o", mfc="none", mec="lime", ms=9)
     film_axes.set(
-        xticks=[], yticks=[], title=f"{1e3 * (frame / clip.scene.rate - clip.release_s):.0f} ms after the latch"
+        xticks=[],
+        yticks=[],
+        title=f"{1e3 * (frame / clip.scene.rate - clip.release_s):.0f} ms after the last still frame",
     )
     done = [way for way in WAYS if (folder_of(clip, way) / "fit.json").exists()]
     for k, way in enumerate(done):
