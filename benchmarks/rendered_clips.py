@@ -13,13 +13,19 @@ import json
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from backend.observe.bed import read_bed
+from backend.observe.measure import track_video
+from backend.observe.without_board import calibrate_from_clip
 from benchmarks.filming import paper
 from benchmarks.filming.clips import CLIPS, FOLDER, Clip, bed, board_photos
 from benchmarks.filming.renderer import FIRST_TARGET_TAG
+
+RULER_M = 4e-4  # by which a ruler misread the dots' height; half a millimetre is what the bed file says of it
 
 
 def score(clip: Clip, tracks: pd.DataFrame) -> dict[str, float]:
@@ -45,9 +51,8 @@ def score(clip: Clip, tracks: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def tracked(clip: Clip, folder: Path, coast_s: float = 0.0, **known: object) -> pd.DataFrame:
+def tracked(clip: Clip, folder: Path, coast_s: float = 0.0, **known: Any) -> pd.DataFrame:
     """Our tracks of a clip."""
-    from backend.observe.measure import track_video
 
     tagged = clip.scene.target == "tag"
     targets = {m: FIRST_TARGET_TAG + k for k, m in enumerate(clip.filmed.markers)} if tagged else None
@@ -75,6 +80,15 @@ def as_in_the_paper(clip: Clip, folder: Path) -> pd.DataFrame:
     return paper.measure(clip, clip.made(folder))
 
 
+def without_board(clip: Clip, folder: Path) -> pd.DataFrame:
+    """The kit's dots and bed tags; lens and pose from the clip itself, from bars, tags and a ruler held to the dots."""
+    given = {key: value for key, value in bed(clip).items() if key != "marker_height_sd_m"}
+    given["marker_height_m"] += RULER_M
+    with tempfile.TemporaryDirectory() as out:
+        camera = calibrate_from_clip(clip.made(folder), clip.filmed.mechanism, read_bed(given), out_dir=out)
+    return tracked(clip, folder, camera=camera, marker_height_m=None)
+
+
 def calibrated(folder: Path) -> dict:
     """The camera as `linktwin calibrate` finds it from photos of the board."""
     from backend.observe.calibrate_camera import calibrate_camera
@@ -88,6 +102,7 @@ def calibrated(folder: Path) -> dict:
 
 WAYS: dict[str, Callable[[Clip, Path], pd.DataFrame]] = {
     "kit": with_kit,
+    "without board": without_board,
     "plain": plain_dots,
     "paper": as_in_the_paper,
 }

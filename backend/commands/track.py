@@ -21,7 +21,15 @@ def track(
     ] = None,
     targets: Annotated[
         Path | None,
-        typer.Option(help="JSON: marker to the tag it carries in place of a dot.", exists=True, dir_okay=False),
+        typer.Option(
+            help='JSON: marker to the tag it carries in place of a dot, or to "texture": nothing is stuck there.',
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+    cotracker: Annotated[
+        Path | None,
+        typer.Option(metavar="CHECKPOINT", help="CoTracker's weights, to say where textures went.", dir_okay=False),
     ] = None,
     keep_truncated: Annotated[
         bool, typer.Option("--keep-truncated", help="Measure the readable part of a clip that ends too early.")
@@ -46,6 +54,7 @@ def track(
                 out_dir=folder,
                 clicks=clicks,
                 targets=targets,
+                checkpoint=cotracker,
                 keep_truncated=keep_truncated,
                 progress=counting(advance),
             )

@@ -17,6 +17,7 @@ from backend.fit.alike import alike
 from backend.fit.checkpoint import Checkpoint, digest
 from backend.fit.contradiction import contradictions
 from backend.fit.filmed_run import run_of, seen_by
+from backend.fit.fitted_cameras import fitted_cameras
 from backend.fit.free import free_parameters
 from backend.fit.identifiability import Profile, Uncertainty, assess, profile_interval
 from backend.fit.loss import LossName
@@ -148,6 +149,7 @@ def fit_study(
     report = make_report(
         residuals, solution, uncertainty, intervals, search.history, overlays,
         time.perf_counter() - began, warnings, list(shared.deviations(solution, uncertainty)) if shared else (),
+        fitted_cameras(residuals, solution, uncertainty),
     )  # fmt: skip
     if complete:
         kept.remove()

@@ -42,6 +42,8 @@ def channel_noise(
         return Noise(given, "given")
     estimate, source = _estimate(time_s, value, release_s)
     estimate = max(estimate, quantum(value) / np.sqrt(12.0))
+    if estimate == 0.0:  # a picture coded again as it was repeats its places, however far off they are
+        estimate, source = third_difference_sigma(time_s, value), "third_difference"
     if np.ptp(value) == 0.0:
         raise ValueError("The channel does not vary at all, so its noise cannot be estimated. Give sigma in the data.")
     return Noise(np.where(known, given, estimate), source)

@@ -127,6 +127,7 @@ def make_report(
     wall_s: float,
     warnings: Sequence[str],
     deviations: Sequence[fit_report.Deviation] = (),
+    cameras: Sequence[fit_report.FittedCamera] = (),
 ) -> FitReport:
     """fit.json from what the fit left behind. Starts are marginalised: only parameters appear."""
     found = []
@@ -166,5 +167,5 @@ def make_report(
         residuals=tuple(r for r in rows if r.use == "fit"),
         held_out=tuple(r for r in rows if r.use == "held_out"),
         converged=solution.converged, wall_s=wall_s, message=solution.message, warnings=tuple(warnings),
-        deviations=tuple(deviations),
+        deviations=tuple(deviations), cameras=tuple(cameras),
     )  # fmt: skip

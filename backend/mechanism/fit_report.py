@@ -84,10 +84,33 @@ class Deviation(Part):
     could_be: Annotated[tuple[Id, ...], Field(strict=False)] = ()
 
 
+class CameraNumber(Part):
+    """One number of a calibrated camera, in `unit`: as calibrated, and as the fit moved it.
+
+    name: of the lens (fx_px, ..., k3), the pose (turns count from the calibrated pose, about the camera's own axes), or
+    `height_m of MARKER`.
+    """
+
+    name: Id
+    value: float
+    sd: float
+    calibrated: float
+    calibrated_sd: float
+    unit: str
+
+
+class FittedCamera(Part):
+    """A camera file that fitted experiments name, and what the fit says of it."""
+
+    file: Id
+    experiments: Annotated[tuple[Id, ...], Field(strict=False)]
+    numbers: Annotated[tuple[CameraNumber, ...], Field(strict=False)]
+
+
 class FitReport(Part):
     """fit.json. `correlation` is a matrix in the order of `parameters`; null where not determined."""
 
-    schema_version: Literal["1.0"] = "1.0"
+    schema_version: Literal["1.0", "1.1"] = "1.1"
     parameters: Annotated[tuple[FittedParameter, ...], Field(strict=False)]
     correlation: Annotated[
         tuple[Annotated[tuple[float | None, ...], Field(strict=False)], ...], Field(strict=False)
@@ -97,6 +120,7 @@ class FitReport(Part):
     residuals: Annotated[tuple[Residual, ...], Field(strict=False)] = ()
     held_out: Annotated[tuple[Residual, ...], Field(strict=False)] = ()
     deviations: Annotated[tuple[Deviation, ...], Field(strict=False)] = ()
+    cameras: Annotated[tuple[FittedCamera, ...], Field(strict=False)] = ()
     converged: bool
     wall_s: Annotated[float, Field(ge=0.0)]
     message: str = ""

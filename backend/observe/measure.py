@@ -15,6 +15,7 @@ from backend.observe.account import summarise, warn_height, warn_marks
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
 from backend.observe.camera_in_clip import camera_in_clip, shared_error
+from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.follow_bed import BedWatch, settle
 from backend.observe.kinematics import kinematics_of
 from backend.observe.label import drawn_positions
@@ -23,13 +24,19 @@ from backend.observe.preview import Preview
 from backend.observe.project import view_in_picture
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.shared_error import shared_error_m
-from backend.observe.targets import DotTargets, TagTargets, Targets, read_targets
+from backend.observe.targets import TEXTURE, DotTargets, GivenTargets, TagTargets, Targets, read_targets
+from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame, Video
 from backend.observe.write import write_tracks
 
 GREATEST_ACCELERATION = 60.0  # m/s^2: six g, beyond what springs and hands do to a linkage on a table
+
+FOLLOWED = (
+    "Markers were followed by their surroundings, from where the drawing or a click puts them in the first picture: an "
+    "error there stays for the whole clip. Free marker_offset in a fit."
+)
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,8 @@ def track_video(
     *,
     out_dir: str | Path,
     clicks: Mapping[str, Sequence[float]] | str | Path | None = None,
-    targets: Mapping[str, int] | str | Path | None = None,
+    targets: GivenTargets = None,
+    checkpoint: str | Path | None = None,
     keep_truncated: bool = False,
     coast_s: float = 0.0,
     preview: bool = True,
@@ -60,7 +68,8 @@ def track_video(
 
     mechanism: backend.mechanism's drawing, of which markers and body poses are used.
     bed_marks: see backend.observe.bed.  clicks: marker -> (x, y) [px] in the first picture, or a JSON file.
-    targets: marker -> number of the tag that it carries in place of a dot, or a JSON file.
+    targets: marker -> number of the tag that it carries in place of a dot, or "texture" where nothing is stuck on any
+    marker, or a JSON file.  checkpoint: of CoTracker, to say where textures are to be looked for.
     keep_truncated: measure the readable part of a file that ends too early.
     coast_s: fill gaps up to this long with predictions, marked `predicted`; without it a hidden dot has no
     coordinates.  progress: called with (frames done, frames in all).
@@ -85,7 +94,16 @@ def track_video(
     expected = view.pixels(on_bed, heights)
     clicks = _read_clicks(clicks)
     tags = read_targets(targets, list(drawn))
-    on_pins = TagTargets(first, tags) if tags else DotTargets(first, dict(zip(drawn, expected, strict=True)), clicks)
+    places = dict(zip(drawn, expected, strict=True))
+    if checkpoint and tags != TEXTURE:
+        raise TrackingError('A CoTracker checkpoint serves bare markers alone; say {"marker": "texture"} of each.')
+    if tags == TEXTURE:
+        begun = np.array([clicks.get(name, px) for name, px in places.items()], float)
+        paths = rough_paths(cotracker(checkpoint), Video(video_path, keep_truncated), begun) if checkpoint else None
+        on_pins: Targets = TextureTargets(first, dict(zip(drawn, begun, strict=True)), paths)
+        warnings.append(FOLLOWED)
+    else:
+        on_pins = TagTargets(first, tags) if tags else DotTargets(first, places, clicks)
     if on_pins.strangers:
         warnings.append(f"{on_pins.strangers} more dots are seen than are drawn; they were followed apart.")
     slope = np.abs(np.linalg.det(view.slope(expected, heights))).mean() ** 0.5  # metres per pixel

@@ -1,11 +1,11 @@
-"""What is stuck on a mechanism's markers: dots, which are followed to be known, or tags, which name themselves."""
+"""What shows where a mechanism's markers are: dots, which are followed to be known, or tags, which name themselves."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,25 +18,39 @@ from backend.observe.track import Expected, Predictor, Tracker
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame
 
+TEXTURE = "texture"  # in place of a tag's number: nothing is stuck there
 TAG_RADIUS_PX = 12.0  # of the preview's circles
 SINGLE_PX = 0.02  # a sharp tag's centre (docs/kit.md)
 
 
-def read_targets(targets: Mapping[str, int] | str | Path | None, markers: Sequence[str]) -> dict[str, int] | None:
+GivenTargets = Mapping[str, int | str] | str | Path | None
+
+
+def read_targets(targets: GivenTargets, markers: Sequence[str]) -> dict[str, int] | Literal["texture"] | None:
     """Which tag each marker carries, from a JSON object or its file; None where dots are followed.
 
-    Raises TrackingError where a marker has no tag, or two have the same.
+    "texture" where that is said of every marker.  Raises TrackingError where a marker has no tag, or two have the same.
     """
     if targets is None:
         return None
     try:
         given = json.loads(Path(targets).read_text(encoding="utf-8")) if isinstance(targets, str | Path) else targets
-        tags = {str(name): int(tag) for name, tag in given.items()}
+        bare = [str(name) for name, tag in given.items() if tag == TEXTURE]
+        tags = {str(name): -1 if tag == TEXTURE else int(tag) for name, tag in given.items()}
     except (OSError, ValueError, TypeError, AttributeError) as error:
-        raise TrackingError(f'Targets cannot be read ({error}); write {{"marker": tag number}}.') from error
+        raise TrackingError(
+            f'Targets cannot be read ({error}); write {{"marker": tag number}}, or {{"marker": "{TEXTURE}"}}.'
+        ) from error
     if wrong := sorted(set(tags) ^ set(markers)):
         raise TrackingError(
             f"Targets and drawing disagree about {', '.join(wrong)}; give every marker its tag: {', '.join(markers)}."
+        )
+    if len(bare) == len(tags):
+        return TEXTURE
+    if bare:
+        raise TrackingError(
+            f"{', '.join(bare)} are to be followed by their texture and the other markers by tags; a clip is measured "
+            "in one way. Put tags on these too, or follow all by texture."
         )
     if len(set(tags.values())) < len(tags):
         raise TrackingError(f"Two markers carry the same tag ({tags}); give each its own.")

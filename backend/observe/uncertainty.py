@@ -68,7 +68,9 @@ def point_covariance(
     """Covariance of every point [px^2]: its track's noise, more where a picture was noisier than usual.
 
     px holds NaN where nothing was seen; single_px2 is what each picture predicts by itself; only `whole`
-    points are judged.
+    points are judged.  A bare dot's pictures tell how far two ways of placing it disagree, which lasts for many
+    pictures and so leaves no differences along the track: no point is better than that, on the mean over its
+    pictures.
     """
     track = np.where(whole[..., None], px, np.nan)
     noise: list[np.ndarray | None] = []
@@ -79,4 +81,9 @@ def point_covariance(
     own = np.stack([usual if c is None else c for c in noise]) + FLOOR_PX**2 * np.eye(2)
     size = np.trace(single_px2, axis1=2, axis2=3)
     typical = np.nanmedian(np.where(whole, size, np.nan), axis=0) if whole.any(0).all() else np.nanmax(size) + 1
-    return own[None] * np.maximum(1.0, size / typical)[..., None, None]
+    along = own[None] * np.maximum(1.0, size / typical)[..., None, None]
+    seen = whole & np.isfinite(size)
+    count = np.maximum(seen.sum(0), 1)[:, None, None]
+    told = np.where(seen[..., None, None], single_px2, 0).sum(0) / count
+    lasting = np.trace(told, axis1=1, axis2=2) > np.trace(along, axis1=2, axis2=3)
+    return np.where(lasting[..., None, None], told[None], along)

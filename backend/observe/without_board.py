@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from backend.observe.at_one_time import pictures
 from backend.observe.bars import Bar, known_lengths
 from backend.observe.bed import Bed, read_bed
 from backend.observe.beforehand import before, before_of, known_heights, unknown_lens
@@ -29,7 +30,6 @@ from backend.observe.viewpoint import LENS, POSE, Viewpoint
 MOST_FRAMES = 40  # more tell little: what is left is the marks' and the bars' own error
 BAR_SD_M = 1e-4  # what a bar's length differs from its drawing
 WORTH_SAYING_M, TOO_MUCH_M = 2.5e-4, 3e-3  # expected error of a dot's place: warned of, refused
-COVARIANCE = ("cov_xx_px2", "cov_xy_px2", "cov_yy_px2")
 MISFIT, NONSENSE = 2.0, 6.0  # sigmas rms: what is given disagrees with itself
 ODD_BAR = 4.0  # sigmas by which a bar is not as drawn
 REMEDY = (
@@ -169,19 +169,10 @@ def _settled(found: Bundle, bed: Bed, dots: Dots, notes: Sequence[str]) -> str:
 
 
 def _dots(tracks: pd.DataFrame, markers: Sequence[str], bars: Sequence[Bar], bar_sd_m: float) -> Dots:
-    """Frames spread over the clip in which most dots are seen."""
+    """Frames spread over the clip in which most dots are seen, all dots of one as of one time."""
     whole = tracks["status"].isin(("observed", "ok")) if "status" in tracks else True
     rows = tracks.loc[tracks["x_px"].notna() & whole]
-    times = np.unique(rows["time_s"].to_numpy(float))
-    px = np.full((len(times), len(markers), 2), np.nan)
-    cov = np.broadcast_to(UNMEASURED_PX**2 * np.eye(2), (*px.shape, 2)).copy()
-    for name, own in rows.groupby("marker", sort=False):
-        k = markers.index(str(name))
-        at = np.searchsorted(times, own["time_s"].to_numpy(float))
-        px[at, k] = own[["x_px", "y_px"]].to_numpy(float)
-        if COVARIANCE[0] in own:
-            given = own[[COVARIANCE[i] for i in (0, 1, 1, 2)]].to_numpy(float).reshape(-1, 2, 2)
-            cov[at, k] = np.where(np.isfinite(given), given, cov[at, k])
+    px, cov = pictures(rows, markers, UNMEASURED_PX**2)
     seen = np.isfinite(px[..., 0]).sum(1)
     full = np.flatnonzero(seen >= 0.8 * seen.max(initial=1))
     if not len(full):

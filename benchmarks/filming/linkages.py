@@ -36,12 +36,13 @@ class Bar:
 class Filmed:
     """A mechanism, its bars, and where everything is at any time.
 
-    markers: names.  bars: (bar, lower end's and upper end's marker).
+    points: names, in the order of `path`; markers come first.  bars: (bar, the points at its start and its end).
     """
 
     mechanism: Mechanism
     bars: tuple[tuple[Bar, str, str], ...]
     path: CubicSpline
+    points: tuple[str, ...]
 
     @property
     def markers(self) -> list[str]:
@@ -49,8 +50,8 @@ class Filmed:
         return [m.id for m in self.mechanism.markers]
 
     def at(self, time_s: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t marker 3"]:
-        """World positions [m]."""
-        return self.path(np.asarray(time_s))
+        """World positions of the markers [m]."""
+        return self.path(np.asarray(time_s))[..., : len(self.mechanism.markers), :]
 
 
 def linkage(
@@ -182,7 +183,7 @@ def filmed(kind: str, duration_s: float, cells: int = 10, kept: Path | None = No
             time_s, world = file["time_s"], file["world"]
     world[..., 2] = DOT_HEIGHT_M
     names = [m.id for m in mechanism.markers]
-    return Filmed(mechanism, _ends(names, world[0, :, :2], bars), CubicSpline(time_s - 0.01, world))
+    return Filmed(mechanism, _ends(names, world[0, :, :2], bars), CubicSpline(time_s - 0.01, world), tuple(names))
 
 
 def _ends(names: list[str], at: np.ndarray, bars: Sequence[Bar]) -> tuple[tuple[Bar, str, str], ...]:

@@ -143,30 +143,29 @@ class Film:
         h, w = scene.optics.height, scene.optics.width
         v, u = np.mgrid[0:h, 0:w].astype(np.float32)
         self.light = (1.05 - 0.5 * ((u / w - 0.62) ** 2 + (v / h - 0.35) ** 2))[..., None]
-        self.index = {name: k for k, name in enumerate(filmed.markers)}
+        self.index = {name: k for k, name in enumerate(filmed.points)}
 
     def _bed_at(self, time_s: float) -> tuple[Array, Array, Array]:
         slopes, place = self.scene.optics.slopes(time_s)
         on_bed = place[..., :2] - slopes * place[..., 2:]
-        if self.scene.optics.shake.amount:
-            return slopes, place, lookup(self.atlas, on_bed)
         du, dv = np.gradient(on_bed, axis=1), np.gradient(on_bed, axis=0)
         thirds = [(i / 3, j / 3) for i in (-1, 0, 1) for j in (-1, 0, 1)]
         bed = sum(lookup(self.atlas, on_bed + du * i + dv * j) for i, j in thirds) / 9
-        return slopes, place[:1], bed
+        return slopes, place if self.scene.optics.shake.amount else place[:1], bed
 
     def moment(self, time_s: float) -> Float[Array, "h w 3"]:
         """The light of one moment."""
         scene, filmed = self.scene, self.filmed
         canvas = Canvas(scene, time_s, *(self.still or self._bed_at(time_s)))
-        _, when = scene.optics.film(filmed.at, time_s)
+        _, seen_s = scene.optics.film(filmed.path, time_s)
+        when = seen_s[: len(filmed.markers)]
         for shadow in (True, False):
             for layer in (0, 1):
                 for bar, a, b in filmed.bars:
                     if bar.layer == layer:
                         pair = [self.index[a], self.index[b]]
-                        t = float(when[pair].mean())
-                        canvas.capsule(filmed.at(t)[pair], self.velocity(t)[pair], t, layer, shadow)
+                        t = float(seen_s[pair].mean())
+                        canvas.capsule(filmed.path(t)[pair], self.velocity(t)[pair], t, layer, shadow)
         each = np.arange(len(when))
         at, rate = filmed.at(when)[each, each], self.velocity(when)[each, each]
         rings = ((DOT_M, RED),) if scene.target == "plain" else ((RING_M, (PAPER,) * 3), (DOT_M, RED))
@@ -183,7 +182,7 @@ class Film:
         """The direction of the bar that a marker's tag is stuck on."""
         name = self.filmed.markers[k]
         a, b = next((a, b) for _, a, b in self.filmed.bars if name in (a, b))
-        p = self.filmed.at(time_s)
+        p = self.filmed.path(time_s)
         return float(np.arctan2(*(p[self.index[b]] - p[self.index[a]])[[1, 0]]))
 
     def frame(self, time_s: float) -> UInt8[Array, "h w 3"]:

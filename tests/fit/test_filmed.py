@@ -60,6 +60,24 @@ def test_the_calibration_gives_way_within_what_it_says_and_is_not_warned_of(in_p
         assert not [w for w in result.report.warnings if "contradict" in w]
 
 
+def test_the_report_lists_the_camera_as_calibrated_and_as_the_clip_moved_it(in_pixels):
+    for result in in_pixels:
+        (camera,) = result.report.cameras
+        (eye,) = result.residuals.cameras.values()
+        (z,) = result.residuals.camera_numbers(result.solution.x).values()
+        numbers = {n.name: n for n in camera.numbers}
+        assert camera.experiments == ("clip",)
+        assert set(numbers) == set(eye.names) - {"k3"}  # which that calibration held
+        assert {numbers[n].unit for n in ("fx_px", "turn_x_rad", "z_m")} == {"px", "rad", "m"}
+        moved = dict(zip(eye.names, eye.root @ z, strict=True))
+        for name, n in numbers.items():
+            assert n.value - n.calibrated == pytest.approx(moved[name], rel=1e-6, abs=1e-12)
+            assert (
+                0 < n.sd < 1.3 * n.calibrated_sd
+            )  # data only narrow what is known; the misfit's memory scatters by a tenth
+        assert min(n.sd / n.calibrated_sd for n in numbers.values()) < 0.9  # bars and dots tell some of them
+
+
 def test_places_in_metres_with_the_same_camera_say_the_same(fit, in_pixels):
     metres = fit(0, metres=True).report.parameters[0]
     pixels = in_pixels[0].report.parameters[0]

@@ -68,3 +68,12 @@ def test_whitening_an_ar1_series_leaves_white_noise_of_the_same_size():
     assert a == pytest.approx(0.9, abs=0.02)  # sd sqrt(1 - a^2) / sqrt(n) = 0.003
     assert abs(lag_one(white)) < 0.03
     assert white.std() == pytest.approx(1.0, rel=0.05)
+
+
+def test_places_repeated_while_held_do_not_claim_to_be_perfect():
+    # A still picture is coded as "the same again": every place repeats to the last digit.
+    rng, t = np.random.default_rng(2), np.arange(200) / 240
+    moving = np.sin(9 * (t - 0.1)) + 1e-3 * rng.standard_normal(t.size)
+    found = channel_noise(t, np.where(t < 0.1, 0.123456, moving), release_s=0.1)
+    assert found.source == "third_difference"
+    assert found.sigma[0] == pytest.approx(1e-3, rel=0.4)  # static frames pull the median of the differences down

@@ -12,6 +12,7 @@ from backend.blind.camera import Bed as FilmedBed
 from backend.blind.camera import Camera as FilmedCamera
 from backend.cli import app
 from backend.mechanism.read import parse_mechanism, write_mechanism
+from backend.observe.at_one_time import at_one_time
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Plane, read_bed
 from backend.observe.bundle import PLAY_M
@@ -222,3 +223,25 @@ def test_the_slopes_of_pixels_are_their_derivatives():
         for j, step in enumerate(1e-6 * np.eye(size)):
             numeric = (moved(step) - moved(-step)) / 2e-6
             np.testing.assert_allclose(slopes[..., j], numeric, atol=1e-5 * max(np.abs(numeric).max(), 1e-3))
+
+
+def test_bars_are_compared_at_one_time_of_a_picture_that_was_read_row_by_row():
+    # A dot in the last row is seen 4 ms after one in the first: 4 mm of its way at 1 m/s.
+    rng, frames = np.random.default_rng(3), 12
+    time_s = np.arange(frames)[:, None] / 240 + np.array([0.0, 1e-3, 2e-3, 4e-3])
+    path = rng.normal(0, 1, (3, 4, 2)) * np.array([100.0, 1000.0, 1e4])[:, None, None]  # px, px/s, px/s^2
+
+    def at(t):
+        return path[0] + path[1] * t[..., None] + path[2] * t[..., None] ** 2
+
+    seen = at_one_time(time_s, at(time_s))
+    middle = np.median(time_s, axis=1, keepdims=True) + np.zeros(4)
+    np.testing.assert_allclose(seen[1:-1], at(middle)[1:-1], atol=1e-8)  # px; a parabola is met exactly
+    assert np.isnan(seen[[0, -1]]).all()  # no neighbour tells how fast they were
+
+
+def test_points_of_one_time_stay_as_they_are_beside_gaps():
+    time_s = np.repeat(np.arange(5)[:, None] / 60, 3, 1)
+    px = np.random.default_rng(4).normal(100, 10, (5, 3, 2))
+    px[2, 1] = np.nan
+    np.testing.assert_array_equal(at_one_time(np.where(np.isnan(px[..., 0]), np.nan, time_s), px), px)
