@@ -1,9 +1,9 @@
 """Stands in for `linktwin` as a job's program: as long as it is told, no longer to start than Python itself.
 
 LEDGER, then the arguments of `linktwin`.  Each start and each end is one line of the ledger.  What it does, the options
-of `simulate` say: --duration seconds of work in steps that are told and shown; --solve=reduced fails; --threshold=0.5 dies of a
-signal once; --threshold=0.25 leaves a process of its own behind; --threshold=0.125 takes 100 MB.  `fit` keeps a
-checkpoint, dies of a signal, and goes on from it.
+of `simulate` say: --duration seconds of work in steps that are told and shown; --solve=reduced fails; --threshold=0.5
+dies of a signal once; --threshold=0.25 leaves a process of its own behind; --threshold=0.125 takes 100 MB.  `fit` keeps
+a checkpoint, dies of a signal, and goes on from it.
 """
 
 import json
