@@ -10,8 +10,14 @@ import pytest
 # Read when jax starts, so nothing is imported here: a test of the drawing stays free of jax.
 os.environ["JAX_ENABLE_X64"] = "1"
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
-# Two workers share the cores; threads inside each would only fight.
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+XLA_FLAGS = (
+    "--xla_cpu_multi_thread_eigen=false",  # two workers share the cores; threads inside each would only fight
+    # Most programs here are compiled for a few runs: the same arithmetic, compiled three times faster, running slower.
+    "--xla_backend_optimization_level=0",
+    "--xla_cpu_use_fusion_emitters=false",
+    "--xla_disable_hlo_passes=while-loop-invariant-code-motion,simplify-while-loops",
+)
+os.environ.setdefault("XLA_FLAGS", " ".join(XLA_FLAGS))
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
