@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import Any
 
 from fastapi import FastAPI
@@ -13,6 +13,7 @@ from backend.service.logs import logger
 from backend.service.service import Service
 
 ROOT = "/ui"  # where the page is mounted
+HEAD_START_S = 0.5  # in which the API gives its first answers, unless the page itself is asked for
 
 
 class LatePage:
@@ -23,12 +24,14 @@ class LatePage:
 
     def __init__(self, service: Service):
         self.service = service
+        self._asked = asyncio.Event()
         self._loading: asyncio.Task[Any] | None = None
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """As the page does, as soon as it is there."""
         if self._loading is None:
             raise RuntimeError("the page was asked for before its application started; run it within its lifespan")
+        self._asked.set()
         # Whoever waits may leave: the page is loaded for all.
         page = await asyncio.shield(self._loading)
         await page(scope, receive, send)
@@ -42,9 +45,12 @@ class LatePage:
             try:
                 yield
             finally:
+                self._loading.cancel()
                 await asyncio.wait([self._loading])
 
     async def _load(self, stack: AsyncExitStack) -> Any:
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._asked.wait(), HEAD_START_S)
         mount_page = await asyncio.to_thread(_import)
         # The page's own startup and shutdown belong to the application that it is mounted on; that of the API has
         # started already.
