@@ -13,7 +13,7 @@ demo: $(INSTALLED)
 	$(BIN)/linktwin demo --out out/demo
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadscope tests
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadscope --no-loadscope-reorder tests
 
 # Forty studies of hidden causes, made by other engines, diagnosed and scored; goes on where it was stopped.
 nightly: $(INSTALLED)

@@ -11,7 +11,7 @@ import uvicorn
 from backend.service.app import create_app
 from backend.service.jobs.child import tie_to
 from backend.service.logs import logger, write_logs
-from backend.service.page.mount import mount_page
+from backend.service.page.late import mount_late
 from backend.service.service import open_service
 from backend.service.settings import Settings
 
@@ -25,7 +25,7 @@ def main() -> None:
     service = open_service(settings)
     tempfile.tempdir = str(settings.scratch)  # parts of forms are spooled where uploads are
     app = create_app(service)
-    mount_page(app, service)
+    mount_late(app, service)
     config = uvicorn.Config(
         app, log_config=None, access_log=False, server_header=False, timeout_keep_alive=30,
         timeout_graceful_shutdown=3, limit_concurrency=2000, backlog=1024,

@@ -220,7 +220,8 @@ def test_a_perfect_clock_reports_when_it_was(kind):
 
 def loaded(model):
     """Every scalar parameter at a telling value at once, so that each derivative meets all the others."""
-    return {address: jnp.asarray(rig.sized(address)) for address in rig.scalars(model)}
+    # Typed: an array of Python's own number would change its type in a sum, and the program be compiled again.
+    return {address: jnp.asarray(rig.sized(address), dtype=float) for address in rig.scalars(model)}
 
 
 TWO_RINGS = pytest.mark.xfail(
@@ -237,7 +238,7 @@ QUESTIONED = [
 def test_the_slope_in_every_parameter_agrees_with_differences(address):
     model = rig.carrier(address[0])
     values = loaded(model)
-    unit = {a: jnp.asarray(float(a == address)) for a in values}
+    unit = {a: jnp.asarray(a == address, dtype=float) for a in values}
     exact = np.asarray(rig.seen_and_slope(model, values, unit)[1])
     assert np.linalg.norm(exact) > 0
     # A wide difference bends, and moves blows into other steps; in a narrow one the steps' own rounding shows.

@@ -9,7 +9,8 @@ from nicegui import ui
 from backend.service.jobs.desk import start_job
 from backend.service.jobs.requests import TrackRequest
 from backend.service.mechanisms import load_mechanism
-from backend.service.page.markup import ROOT, button, choice, enable, field, notice, tag, tick
+from backend.service.page.late import ROOT
+from backend.service.page.markup import button, choice, enable, field, notice, tag, tick
 from backend.service.page.pointing import Pointing
 from backend.service.page.shell import page, tell, view
 from backend.service.page.stage import plane_of_motion

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from backend.mechanism.mechanism import Mechanism
-from backend.service.page.markup import ROOT, facts, notice, tag
+from backend.service.page.late import ROOT
+from backend.service.page.markup import facts, notice, tag
 from backend.service.page.running import checked
 from backend.service.page.shell import tell
 from backend.service.page.stage import Drawn, on_stage

@@ -15,7 +15,8 @@ from backend.service.mechanisms import parse_drawing
 from backend.service.page import results
 from backend.service.page.access import share_token, shared_job
 from backend.service.page.drawing_view import staged
-from backend.service.page.markup import ROOT, button, empty, link, notice, tag
+from backend.service.page.late import ROOT
+from backend.service.page.markup import button, empty, link, notice, tag
 from backend.service.page.shell import page, tell, view
 from backend.service.page.study_view import read_stored_study
 from backend.service.page.timeline import Timeline

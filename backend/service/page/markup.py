@@ -9,7 +9,7 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
-ROOT = "/ui"  # where the page is mounted
+from backend.service.page.late import ROOT
 
 
 def tag(name: str, text: str = "", look: str = "", **attributes: Any) -> Element:

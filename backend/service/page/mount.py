@@ -20,7 +20,7 @@ from backend.service.page import (  # noqa: F401  each declares its views
 )
 from backend.service.page.access import COOKIE
 from backend.service.page.files import add_files
-from backend.service.page.markup import ROOT
+from backend.service.page.late import ROOT
 from backend.service.page.shell import service as served
 from backend.service.problems import Problem
 from backend.service.service import Service
@@ -29,13 +29,16 @@ ICON = Path(__file__).parent / "icon.svg"
 _mounted = False
 
 
-def mount_page(app: FastAPI, service: Service) -> None:
-    """Put the page under /ui of an application. A process serves one service at a time: the one mounted last."""
+def mount_page(app: FastAPI, service: Service) -> FastAPI:
+    """Put the page under /ui of an application and return it.
+
+    A process serves one service at a time: the one mounted last.
+    """
     global _mounted
     core.app.state.linktwin = service
     if _mounted:  # NiceGUI is one application per process
         app.mount(ROOT, core.app)
-        return
+        return core.app
     _mounted = True
     add_files(core.app, served)
     core.app.post("/sign-in", include_in_schema=False)(_sign_in)
@@ -43,6 +46,7 @@ def mount_page(app: FastAPI, service: Service) -> None:
         app, mount_path=ROOT, title="linktwin", favicon=ICON, dark=None, tailwind=False, show_welcome_message=False,
         reconnect_timeout=30.0,
     )  # fmt: skip
+    return core.app
 
 
 def _sign_in(key: str = Form(default="")) -> Response:

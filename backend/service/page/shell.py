@@ -14,7 +14,8 @@ from fastapi import Request
 from nicegui import core, ui
 
 from backend.service.page.access import owner_from
-from backend.service.page.markup import ROOT, button, drawn, empty, link, notice, tag
+from backend.service.page.late import ROOT
+from backend.service.page.markup import button, drawn, empty, link, notice, tag
 from backend.service.problems import Problem
 from backend.service.service import Service
 
