@@ -160,7 +160,7 @@ class _Inquiry:
             if found is not None and not self.better(top, best, judged, found):
                 break
             best, found = top, judged
-            if len(top.candidates) > 1 and not self.enough(judged):
+            if self.may_mislead(top) and not self.enough(judged):
                 best, found = top, judged = self.exchanged(top, judged, WORTH)
             if top.fitted.fraction == 1.0:
                 self.scale = max(1.0, min(judged.noise, 1.5))
@@ -172,9 +172,13 @@ class _Inquiry:
             level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS)
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
-        if len(best.candidates) > SURE and not self.cancelled():
+        if len(best.candidates) > SURE and self.may_mislead(best) and not self.cancelled():
             best, found = self.exchanged(best, found, NAMED)
         return best, found
+
+    def may_mislead(self, best: Cause) -> bool:
+        """Whether the way to a set is worth going back: to a pair, or to three where the drawing loses the motion."""
+        return SURE <= len(best.candidates) <= (SURE if self.search.followed == 1.0 else SURE + 1)
 
     def exchanged(self, best: Cause, found: Adequacy, worth: float) -> tuple[Cause, Adequacy]:
         """The best set with members given up or exchanged, as long as that makes it so much more probable."""

@@ -62,12 +62,12 @@ def track_noise(
 def point_covariance(
     times_s: Float[np.ndarray, "frame"],
     px: Float[np.ndarray, "frame marker 2"],
-    single_px2: Float[np.ndarray, "frame marker 2 2"],
+    single_px2: Float[np.ndarray, "frame marker 2 2"] | None,
     whole: Bool[np.ndarray, "frame marker"],
 ) -> Float[np.ndarray, "frame marker 2 2"]:
     """Covariance of every point [px^2]: its track's noise, more where a picture was noisier than usual.
 
-    px holds NaN where nothing was seen; single_px2 is what each picture predicts by itself; only `whole`
+    px holds NaN where nothing was seen; single_px2 is what each picture predicts by itself, or None; only `whole`
     points are judged.  A bare dot's pictures tell how far two ways of placing it disagree, which lasts for many
     pictures and so leaves no differences along the track: no point is better than that, on the mean over its
     pictures.
@@ -79,6 +79,8 @@ def point_covariance(
     measured = [c for c in noise if c is not None]
     usual = np.mean(measured, axis=0) if measured else UNMEASURED_PX**2 * np.eye(2)
     own = np.stack([usual if c is None else c for c in noise]) + FLOOR_PX**2 * np.eye(2)
+    if single_px2 is None:
+        return np.broadcast_to(own, (*whole.shape, 2, 2))
     size = np.trace(single_px2, axis1=2, axis2=3)
     typical = np.nanmedian(np.where(whole, size, np.nan), axis=0) if whole.any(0).all() else np.nanmax(size) + 1
     along = own[None] * np.maximum(1.0, size / typical)[..., None, None]

@@ -92,8 +92,7 @@ def _seen_by_camera(
     heights = heights[[markers.index(name) for name in points.names]]
     px = at[seen]
     view, width = clip.view(bed, px)
-    alike = np.broadcast_to(np.eye(2), (*seen.shape, 2, 2))  # the tool says nothing of one picture against another
-    cov = point_covariance(times, at, alike, seen)
+    cov = point_covariance(times, at, None, seen)  # the tool says nothing of one picture against another
     world, sigma = in_world(at, cov, view, bed, heights)
     return world, sigma, at, cov, notes + warn_height(bed, view, px, width) + warn_marks(bed, view)
 
