@@ -54,7 +54,7 @@ $(LOCKED): requirements.lock
 	touch $@
 
 # The compiled kernel is optional: where there is no C++ compiler, one line says so and the set-up goes on.
-$(INSTALLED): $(LOCKED) pyproject.toml $(wildcard backend/simulate/kernel/*.cpp)
+$(INSTALLED): $(LOCKED) pyproject.toml $(wildcard backend/simulate/kernel/*.cpp backend/simulate/kernel/*.h)
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
 	$(BIN)/python -m backend.simulate.kernel
 	touch $@

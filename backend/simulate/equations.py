@@ -20,13 +20,16 @@ from backend.simulate import contact, forces, kinematics, law, linear, meeting
 from backend.simulate.contact import Reach
 from backend.simulate.law import Drive, Impulses
 from backend.simulate.momentum import BodyRows, momentum, momentum_slope
-from backend.simulate.small import apply
+from backend.simulate.small import apply, apply_transposed
 
 
 class Motion(eqx.Module):
     """All that the next step needs to know."""
 
     pose: Pose
+    bodies: kinematics.Bodies
+    """At the pose, as the step before left them; its joints' rows likewise."""
+    rows: kinematics.Rows
     time_s: Array
     """Since the stated release."""
     momentum: BodyRows
@@ -79,6 +82,15 @@ class Frame(NamedTuple):
     """Links that touch, and bodies on the bed."""
 
 
+class There(NamedTuple):
+    """The mechanism at q_{k+1}."""
+
+    bodies: kinematics.Bodies
+    rows: kinematics.Rows
+    moved: Float[Array, "joints 6"]
+    """Values of the rows; a coordinate's is its displacement in the step."""
+
+
 class Linearised(NamedTuple):
     """The equations' slope at one point, factored."""
 
@@ -100,8 +112,7 @@ def frame(
     that are cut because they have no solution or none was found, walls push along their normal at q_{k+1} and give
     nothing back; above `contact.LAGGING` friction's limit and direction are those of q_k: a convex problem is left.
     """
-    bodies = kinematics.bodies(system, motion.pose)
-    rows = kinematics.rows(system, bodies)
+    bodies, rows = motion.bodies, motion.rows
     _, strut_slope = forces.strut_lines(system, bodies)
     weight = 0.5 * (motion.before_s + step_s)
     force = forces.body_forces(system, bodies, motion.velocity)
@@ -141,7 +152,7 @@ def _expected_rate(system: System, motion: Motion, jacobian: Array) -> Float[Arr
     if not system.rate_frictions:
         return motion.rate
     velocity = motion.velocity + 0.5 * motion.before_s * motion.acceleration
-    rates = jnp.sum(jacobian * _of_pairs(system, system.topology.joints, velocity)[:, None, :], -1)
+    rates = apply(jacobian, _of_pairs(system, system.topology.joints, velocity))
     return law.displacement(system, rates)
 
 
@@ -199,10 +210,10 @@ def softened(at: Frame, factor: float | Array) -> Frame:
     return at._replace(drive=drive, meeting=meet)
 
 
-def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> tuple[Unknowns, kinematics.Rows]:
-    """Residuals of momentum and of the joints' laws, and the rows at q_{k+1}."""
+def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> tuple[Unknowns, There]:
+    """Residuals of momentum and of the joints' laws, and the mechanism at q_{k+1}."""
     xi, impulses = unknowns
-    rows = ahead(system, at, xi)
+    there = ahead(system, at, xi)
     carried = _on_bodies(system, at.jacobian, impulses.rows)
     balance = momentum(system, xi, at.step_s, 1.0) - at.given - carried
     if system.drags:
@@ -212,21 +223,22 @@ def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> 
         pull = -0.5 * at.weight_s * system.strut_damping * (rate + at.lengthening)
         table = system.topology.strut_sides
         balance = balance - forces.collect(table, pull[:, None] * at.strut_slope)
-    asked = law.residual(system, at.drive, rows.value, impulses, barrier)
+    asked = law.residual(system, at.drive, there.moved, impulses, barrier)
     if system.touches.count or system.pads.count:
         asked, pushed = meeting.residual(system, at.meeting, xi, asked, barrier)
         balance = balance - pushed
-    return Unknowns(balance, asked), rows
+    return Unknowns(balance, asked), there
 
 
-def ahead(system: System, at: Frame, xi: BodyRows) -> kinematics.Rows:
-    """The joints' rows at q_{k+1}; a coordinate's row holds its displacement in the step."""
-    rows = kinematics.rows(system, kinematics.bodies(system, at.pose.advance(xi)))
+def ahead(system: System, at: Frame, xi: BodyRows) -> There:
+    """Where an increment leads."""
+    bodies = kinematics.bodies(system, at.pose.advance(xi))
+    rows = kinematics.rows(system, bodies)
     turned = kinematics.turned(system, xi)
     turning = system.coordinate_rows.copy()
     turning[:, :5] = False
     moved = jnp.where(turning, turned[:, None], rows.value - at.offset[:, None])
-    return rows._replace(value=jnp.where(system.coordinate_rows, moved, rows.value))
+    return There(bodies, rows, jnp.where(system.coordinate_rows, moved, rows.value))
 
 
 def lengthening(system: System, strut_slope: Float[Array, "struts 12"], xi: BodyRows) -> Float[Array, "struts"]:
@@ -234,12 +246,12 @@ def lengthening(system: System, strut_slope: Float[Array, "struts 12"], xi: Body
     return jnp.sum(strut_slope * _of_pairs(system, system.topology.struts, xi), -1)
 
 
-def linearise(system: System, at: Frame, unknowns: Unknowns, rows: kinematics.Rows) -> Linearised:
+def linearise(system: System, at: Frame, unknowns: Unknowns, led: There) -> Linearised:
     """Slope of the equations, assembled over the body graph and factored."""
     xi, impulses = unknowns
     turn = tangent_map(xi[:, 3:])
-    there = _along_increments(system, rows.jacobian, turn)
-    slope = law.slope(system, at.drive, rows.value, impulses)
+    there = _along_increments(system, led.rows.jacobian, turn)
+    slope = law.slope(system, at.drive, led.moved, impulses)
     answer = law.answer(system, slope, there)
     own = momentum_slope(system, xi, at.step_s)
     if system.drags:
@@ -260,7 +272,7 @@ def direction(system: System, at: Linearised, residual: Unknowns) -> Unknowns:
     offset, walls = law.offset(system, at.slope, at.impulses, residual.impulses)
     change, pushed = meeting.offset(system, at.touch, at.impulses, residual.impulses)
     moved = linear.solve(at.factor, _on_bodies(system, at.here, offset) + pushed - residual.xi)
-    dy = jnp.sum(at.there * _of_pairs(system, system.topology.joints, moved)[:, None, :], -1)
+    dy = apply(at.there, _of_pairs(system, system.topology.joints, moved))
     xi = jnp.concatenate([moved[:, :3], apply(at.turn, moved[:, 3:])], -1)
     rows = offset - law.react(system, at.slope, dy)
     touches, pads = meeting.respond(system, at.touch, change, moved)
@@ -281,7 +293,7 @@ def _of_pairs(system: System, pairs: tuple[tuple[int, int], ...], moved: BodyRow
 
 def _on_bodies(system: System, jacobian: Float[Array, "joints 6 12"], rows: Float[Array, "joints 6"]) -> BodyRows:
     """Jᵀ λ, gathered on the bodies."""
-    return forces.collect(system.topology.joint_sides, jnp.sum(jacobian * rows[:, :, None], 1))
+    return forces.collect(system.topology.joint_sides, apply_transposed(jacobian, rows))
 
 
 def _along_increments(system: System, jacobian: Array, turn: Array) -> Array:

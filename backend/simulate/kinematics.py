@@ -1,7 +1,9 @@
 """The six rows of every joint, and how they change when its bodies move."""
 
+import functools
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -10,7 +12,10 @@ from backend.frames import quaternion
 from backend.joints.joint import SLIDE, TURN
 from backend.model.state import Pose
 from backend.model.system import System
+from backend.simulate.kernel import call as kernel
 from backend.simulate.small import apply, apply_transposed, dot
+
+Pairs = tuple[tuple[int, int], ...]
 
 
 class Bodies(NamedTuple):
@@ -39,9 +44,37 @@ def bodies(system: System, pose: Pose) -> Bodies:
 
 def rows(system: System, placed: Bodies) -> Rows:
     """All six rows of every joint at these poses, held or not."""
-    a, b = system.pairs.T
+    drawn = Drawn(system.axes_a, system.axes_b, system.point_a, system.point_b)
+    pairs, free_turn = system.topology.joints, tuple(system.coordinate_rows[:, TURN].tolist())
+    if pairs and kernel.available():
+        return _compiled(pairs, free_turn, placed, drawn)
+    return _rows(pairs, free_turn, placed, drawn)
+
+
+class Drawn(NamedTuple):
+    """The joints' frames in their bodies: columns are axes in body axes, points are relative to the centre of mass."""
+
+    axes_a: Float[Array, "joints 3 3"]
+    axes_b: Float[Array, "joints 3 3"]
+    point_a: Float[Array, "joints 3"]
+    point_b: Float[Array, "joints 3"]
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _compiled(pairs: Pairs, free_turn: tuple[bool, ...], placed: Bodies, drawn: Drawn) -> Rows:
+    return Rows(*kernel.joint_rows(pairs, free_turn, *placed, *drawn))
+
+
+@_compiled.defjvp
+def _compiled_jvp(pairs: Pairs, free_turn: tuple[bool, ...], primals: tuple, tangents: tuple) -> tuple[Rows, Rows]:
+    _, change = jax.jvp(functools.partial(_rows, pairs, free_turn), primals, tangents)
+    return _compiled(pairs, free_turn, *primals), change
+
+
+def _rows(pairs: Pairs, free_turn: tuple[bool, ...], placed: Bodies, drawn: Drawn) -> Rows:
+    a, b = np.array(pairs, dtype=int).reshape(-1, 2).T
+    F_A, F_B, r_A, r_B = drawn
     R_WA, R_WB = placed.rotation[a], placed.rotation[b]
-    F_A, F_B, r_A, r_B = system.axes_a, system.axes_b, system.point_a, system.point_b
     axes_W = _product(R_WA, F_A)
     p_AP = apply_transposed(R_WA, placed.position[b] + apply(R_WB, r_B) - placed.position[a])
     offset = apply_transposed(F_A, p_AP - r_A)
@@ -70,11 +103,10 @@ def rows(system: System, placed: Bodies) -> Rows:
         ],
         1,
     )
-    free_turn = system.coordinate_rows[:, TURN]
-    if free_turn.any():
+    if any(free_turn):
         # A free turn is measured by increments about the pin, which know no ±90 degrees.
         pin = jnp.concatenate([zero, -F_A[:, :, 2], zero, F_B[:, :, 2]], -1)
-        turn = turn.at[:, 2].set(jnp.where(free_turn[:, None], pin, turn[:, 2]))
+        turn = turn.at[:, 2].set(jnp.where(np.array(free_turn)[:, None], pin, turn[:, 2]))
     return Rows(jnp.concatenate([offset, angles], -1), jnp.concatenate([shift, turn], 1))
 
 
@@ -111,4 +143,4 @@ def unwrap(system: System, q: Float[Array, "joints"], near: Float[Array, "joints
 
 
 def _product(a: Float[Array, "n i j"], b: Float[Array, "n j k"]) -> Float[Array, "n i k"]:
-    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], -2)
+    return jnp.einsum("...ij,...jk->...ik", a, b)

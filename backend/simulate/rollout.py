@@ -58,6 +58,8 @@ def depart(system: System, start: Start) -> Motion:
     rates = all_rates(system, rows.jacobian, start.velocity)
     return Motion(
         pose=start.pose,
+        bodies=bodies,
+        rows=rows,
         time_s=system.held_s,
         momentum=instantaneous(system, start.velocity),
         before_s=jnp.zeros(()),

@@ -6,12 +6,12 @@ from jaxtyping import Array, Float
 
 def apply(matrix: Float[Array, "*batch i j"], vector: Float[Array, "*batch j"]) -> Float[Array, "*batch i"]:
     """M v."""
-    return jnp.sum(matrix * vector[..., None, :], -1)
+    return jnp.einsum("...ij,...j->...i", matrix, vector)
 
 
 def apply_transposed(matrix: Float[Array, "*batch i j"], vector: Float[Array, "*batch i"]) -> Float[Array, "*batch j"]:
     """Mᵀ v."""
-    return jnp.sum(matrix * vector[..., :, None], -2)
+    return jnp.einsum("...ij,...i->...j", matrix, vector)
 
 
 def dot(a: Float[Array, "*batch i"], b: Float[Array, "*batch i"]) -> Float[Array, "*batch"]:

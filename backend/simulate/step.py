@@ -14,6 +14,7 @@ from backend.simulate.contact import Push, Reach
 from backend.simulate.equations import (
     Frame,
     Motion,
+    There,
     Unknowns,
     ahead,
     direction,
@@ -44,6 +45,7 @@ class Solved(NamedTuple):
     """A step's unknowns, and how Newton's method fared."""
 
     unknowns: Unknowns
+    there: There
     iterations: Int[Array, ""]
     error: Float[Array, ""]
 
@@ -79,7 +81,14 @@ def close(system: System, at: Frame, guess: Unknowns) -> Solved:
 
     stages = jnp.where(at.drive.reach.lagging, STAGES, 1)
     one = jnp.ones(())
-    begin = _Stage(Solved(guess, jnp.asarray(0), jnp.inf * one), one, guess, SOFTEST * one, FALL * one, stages)
+    begin = _Stage(
+        Solved(guess, ahead(system, at, guess.xi), jnp.asarray(0), jnp.inf * one),
+        one,
+        guess,
+        SOFTEST * one,
+        FALL * one,
+        stages,
+    )
     return lax.while_loop(lambda now: now.left > 0, go_on, begin).solved
 
 
@@ -102,7 +111,7 @@ class _Point(NamedTuple):
 
     unknowns: Unknowns
     residual: Unknowns
-    rows: kinematics.Rows
+    there: There
     iterations: Array
     error: Array
     merit: Array
@@ -116,15 +125,15 @@ def _walk(
     interior = bool(system.contacts.count or system.touches.count)
 
     def looked(unknowns: Unknowns, iterations: int | Array) -> _Point:
-        residual, rows = equations(system, at, unknowns, barrier)
+        residual, there = equations(system, at, unknowns, barrier)
         error, merit = _size(system, at, unknowns, residual)
-        return _Point(unknowns, residual, rows, jnp.asarray(iterations), error, merit)
+        return _Point(unknowns, residual, there, jnp.asarray(iterations), error, merit)
 
     def unfinished(now: _Point) -> Bool[Array, ""]:
         return (now.error > enough) & (now.iterations < most)
 
     def iterate(now: _Point) -> _Point:
-        change = direction(system, linearise(system, at, now.unknowns, now.rows), now.residual)
+        change = direction(system, linearise(system, at, now.unknowns, now.there), now.residual)
 
         def tried(share: float | Array) -> _Point:
             return looked(_moved(at, now.unknowns, change, share, barrier), now.iterations + 1)
@@ -146,7 +155,7 @@ def _walk(
     if interior:
         begin = _moved(at, begin, jax.tree.map(jnp.zeros_like, begin), 0.0, barrier)
     end = lax.while_loop(unfinished, iterate, looked(begin, 0))
-    return Solved(end.unknowns, end.iterations, end.error)
+    return Solved(end.unknowns, end.there, end.iterations, end.error)
 
 
 def _moved(at: Frame, unknowns: Unknowns, change: Unknowns, share: float | Array, barrier: Array) -> Unknowns:
@@ -168,8 +177,8 @@ def _moved(at: Frame, unknowns: Unknowns, change: Unknowns, share: float | Array
 def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
     """Implicit function theorem: the residual's change, sent back through the factored slope."""
     system, at, guess = primals
-    solved = checkpoint_name(close(system, at, guess), SOLUTION)
-    unknowns = solved.unknowns
+    solved = close(system, at, guess)
+    unknowns = checkpoint_name(solved.unknowns, SOLUTION)
 
     # The guess's own tangent is the first answer, so that only its small remainder goes through the stiff rows (1/ε):
     # the whole would leave rounding of 1e-9 in ξ, which is 1e-6 in the velocity it stands for.
@@ -181,8 +190,11 @@ def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
     _, change = jax.jvp(moving, (system, at, unknowns), (*tangents[:2], first))
     linearised = linearise(system, at, unknowns, ahead(system, at, unknowns.xi))
     answer = jax.tree.map(jnp.add, first, direction(system, linearised, change))
+    # Led to anew, so that a derivative backwards in time keeps the solution alone.
+    there, there_change = jax.jvp(ahead, (system, at, unknowns.xi), (*tangents[:2], answer.xi))
     none = jnp.zeros((), dtype=jax.dtypes.float0)
-    return solved, Solved(answer, none, jnp.zeros_like(solved.error))
+    iterations, error = checkpoint_name((solved.iterations, solved.error), SOLUTION)
+    return Solved(unknowns, there, iterations, error), Solved(answer, there_change, none, jnp.zeros_like(error))
 
 
 def step(
@@ -199,23 +211,22 @@ def step(
     """
     at = frame(system, motion, step_s, target, blur)
     solved = close(system, at, _guess(system, at, motion))
-    xi, impulses = solved.unknowns
-    pose = at.pose.advance(xi)
-    placed = kinematics.bodies(system, pose)
-    q = kinematics.unwrap(system, kinematics.coordinates(system, placed), motion.q)
-    there = ahead(system, at, xi).value
+    (xi, impulses), there = solved.unknowns, solved.there
+    q = kinematics.unwrap(system, kinematics.coordinates(system, there.bodies), motion.q)
     velocity = xi / step_s
     after = Motion(
-        pose=pose,
+        pose=at.pose.advance(xi),
+        bodies=there.bodies,
+        rows=there.rows,
         time_s=motion.time_s + step_s,
         momentum=momentum(system, xi, step_s, -1.0),
         before_s=jnp.asarray(step_s),
         velocity=velocity,
         acceleration=(velocity - motion.velocity) / at.weight_s,
         q=q,
-        rate=law.displacement(system, there) / step_s,
+        rate=law.displacement(system, there.moved) / step_s,
         lengthening=lengthening(system, at.strut_slope, xi) / step_s,
-        opening=_opening(system, at, there),
+        opening=_opening(system, at, there.moved),
         parting=meeting.partings(system, at.meeting, velocity),
         impulses=jax.tree.map(lax.stop_gradient, impulses),
     )
@@ -246,7 +257,7 @@ def _guess(system: System, at: Frame, motion: Motion) -> Unknowns:
     if system.touches.count:
         reach = at.meeting.reach
         impulses = impulses._replace(touches=begun(reach, reach.room, impulses.touches))
-    return lax.stop_gradient(Unknowns(xi, impulses))
+    return Unknowns(xi, lax.stop_gradient(impulses))
 
 
 def _barrier(system: System, at: Frame) -> Array:

@@ -53,7 +53,8 @@ def test_a_motion_that_ends_early_is_the_first_part_of_the_whole_with_its_slopes
         jax.jvp(lambda d, u=u: path(d, u), (np.array(1e-3),), (np.array(1.0),)) for u in (None, np.array(120))
     )
     for long, short in zip(whole, early, strict=True):
-        np.testing.assert_allclose(short[:121], long[:121], rtol=1e-12, atol=1e-15)
+        # Two programs, each with its own rounding.
+        np.testing.assert_allclose(short[:121], long[:121], rtol=0, atol=1e-12 * np.abs(long[:121]).max())
         np.testing.assert_array_equal(short[121:], np.broadcast_to(short[120], short[121:].shape))
     assert np.abs(early[1]).max() > 1e-3
 

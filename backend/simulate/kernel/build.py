@@ -1,4 +1,4 @@
-"""Where the compiled kernel lies, and how it is made: one C++ file, one shared library beside it.
+"""Where the compiled kernel lies, and how it is made: one shared library beside its C++ files.
 
 The library's name holds what it was made from (source, jax's version, this processor, the compiler), so that one made
 from anything else is never loaded.
@@ -14,7 +14,9 @@ from pathlib import Path
 import jax
 
 FOLDER = Path(__file__).parent
-SOURCE = FOLDER / "block_tridiagonal.cpp"
+SOURCES = tuple(sorted(FOLDER.glob("*.cpp")))
+HEADERS = tuple(sorted(FOLDER.glob("*.h")))
+NAME = "kernel"
 FLAGS = ("-O3", "-std=c++17", "-ffp-contract=fast", "-fPIC", "-shared", "-pthread", "-Wall", "-Wextra")
 NATIVE = "-march=native"  # not every compiler knows it
 
@@ -33,7 +35,7 @@ def compiler() -> str:
 
 
 def library() -> Path | None:
-    """The library made from this source for this jax and this processor; None where none was built."""
+    """The library made from these sources for this jax and this processor; None where none was built."""
     return next(iter(sorted(FOLDER.glob(f"{_stem()}-*.so"))), None)
 
 
@@ -50,7 +52,7 @@ def build() -> Path:
         include = ["-isystem", jax.ffi.include_dir()]
         try:
             for native in ([NATIVE], []):
-                command = [with_compiler, *FLAGS, *native, *include, "-o", str(made), str(SOURCE)]
+                command = [with_compiler, *FLAGS, *native, *include, "-o", str(made), *map(str, SOURCES)]
                 outcome = subprocess.run(command, capture_output=True, text=True)
                 if outcome.returncode == 0:
                     break
@@ -58,15 +60,15 @@ def build() -> Path:
             made.replace(target)
         finally:
             made.unlink(missing_ok=True)
-    for other in FOLDER.glob(f"{SOURCE.stem}-*.so"):
+    for other in FOLDER.glob("*.so"):
         if other != target:
             other.unlink()
     return target
 
 
 def _stem() -> str:
-    made_from = _digest(SOURCE.read_text(encoding="utf-8"), jax.__version__, _processor())
-    return f"{SOURCE.stem}-{made_from}"
+    texts = [file.read_text(encoding="utf-8") for file in (*HEADERS, *SOURCES)]
+    return f"{NAME}-{_digest(*texts, jax.__version__, _processor())}"
 
 
 def _processor() -> str:

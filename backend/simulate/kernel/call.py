@@ -1,4 +1,4 @@
-"""The compiled factorisation and solve as JAX sees them: batched by vmap, linear in the right-hand side."""
+"""The compiled functions as JAX sees them: batched by vmap; the solve is linear in the right-hand side."""
 
 import ctypes
 import functools
@@ -14,6 +14,7 @@ from backend.simulate.kernel.build import library
 
 SWITCH = "LINKTWIN_KERNEL"
 FACTOR, SOLVE = "linktwin_block_tridiagonal_factor", "linktwin_block_tridiagonal_solve"
+ROWS = "linktwin_joint_rows"
 
 
 def available() -> bool:
@@ -32,7 +33,12 @@ def _loaded() -> bool:
         symbols = ctypes.cdll.LoadLibrary(str(found))
     except OSError:
         return False
-    for name, symbol in ((FACTOR, symbols.BlockTridiagonalFactor), (SOLVE, symbols.BlockTridiagonalSolve)):
+    handlers = {
+        FACTOR: symbols.BlockTridiagonalFactor,
+        SOLVE: symbols.BlockTridiagonalSolve,
+        ROWS: symbols.JointRows,
+    }
+    for name, symbol in handlers.items():
         jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(symbol), platform="cpu")
     return True
 
@@ -85,3 +91,22 @@ def solve(
 
     solve_it, solve_transposed = functools.partial(by, False), functools.partial(by, True)
     return lax.custom_linear_solve(times, rhs, lambda _, b: solve_it(b), lambda _, b: solve_transposed(b))
+
+
+def joint_rows(
+    pairs: tuple[tuple[int, int], ...],
+    turns_freely: tuple[bool, ...],
+    position: Float[Array, "bodies 3"],
+    rotation: Float[Array, "bodies 3 3"],
+    axes_a: Float[Array, "joints 3 3"],
+    axes_b: Float[Array, "joints 3 3"],
+    point_a: Float[Array, "joints 3"],
+    point_b: Float[Array, "joints 3"],
+) -> tuple[Float[Array, "joints 6"], Float[Array, "joints 6 12"]]:
+    """Values and Jacobian of all joints' rows, without derivatives."""
+    count = len(pairs)
+    shapes = jax.ShapeDtypeStruct((count, 6), jnp.float64), jax.ShapeDtypeStruct((count, 6, 12), jnp.float64)
+    call = jax.ffi.ffi_call(ROWS, shapes, vmap_method="expand_dims")
+    bodies, free = np.array(pairs, dtype=np.int32).ravel(), np.array(turns_freely, dtype=np.int32)
+    made = call(position, rotation, axes_a, axes_b, point_a, point_b, bodies=bodies, turns_freely=free)
+    return made[0], made[1]
