@@ -9,7 +9,7 @@ RIGID = 1e10  # N/m
 
 
 class LinkContact(AbstractLinkContact):
-    """Two links, each a capsule there, touch, push each other and rub along each other."""
+    """Two links, or all that may meet, each a capsule there, touch, push each other and rub along each other."""
 
     kind = "link_contact"
     acts_on = "bodies"

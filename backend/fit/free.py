@@ -16,6 +16,7 @@ import numpy as np
 
 from backend.mechanism.drawing_error import known
 from backend.mechanism.effect import Effect, ParameterValue, kind_named
+from backend.mechanism.found_contacts import contacts_declared
 from backend.mechanism.joint import WITHOUT_COORDINATE, Joint
 from backend.mechanism.kinds import EffectKind, ParameterSpec
 from backend.mechanism.mechanism import Mechanism
@@ -71,7 +72,7 @@ def free_parameters(
 
     option: what the specs were given as, for the sentences.
     """
-    reader = _Reader(mechanism, option)
+    reader = _Reader(contacts_declared(mechanism), option)
     found: dict[str, FreeParameter] = {}
     for spec in (s.strip() for given in specs for s in given.split(",")):
         if spec:

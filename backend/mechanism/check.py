@@ -24,6 +24,11 @@ def check_text(report: GraphReport) -> str:
         f"redundant {_redundant(report)}",
         f"closure   {_closure(report)}",
     ]
+    for found in report.contacts:
+        pairs = _few(["-".join(pair) for pair in found.pairs])
+        lines.append(
+            f"contacts  {found.effect}: {_many(len(found.pairs), 'pair')} may meet" + (f": {pairs}" if pairs else "")
+        )
     lines += [f"error: {text}" for text in report.errors]
     lines += [f"warning: {text}" for text in report.warnings]
     return "\n".join(lines)

@@ -19,6 +19,8 @@ from backend.mechanism.closure import (
     too_long,
 )
 from backend.mechanism.constraints import JointGap, Placement, body_index, drawn, size_m
+from backend.mechanism.drawing_error import DrawingError
+from backend.mechanism.found_contacts import FoundContacts, found_contacts
 from backend.mechanism.joint import WITHOUT_COORDINATE, Joint
 from backend.mechanism.loops import Connectivity, connectivity
 from backend.mechanism.mechanism import Mechanism
@@ -85,6 +87,7 @@ class GraphReport(Part):
     closure: tuple[Closure, ...]
     closes: bool
     floating: tuple[tuple[str, ...], ...]
+    contacts: tuple[FoundContacts, ...] = ()
     errors: Annotated[tuple[str, ...], Field(description="the mechanism cannot be built as drawn")] = ()
     warnings: tuple[str, ...] = ()
 
@@ -108,6 +111,12 @@ def describe(mechanism: Mechanism) -> GraphReport:
     rank = rank_at(mechanism, joints, placement, length)
     errors, warnings = _closure_findings(mechanism, graph, opened, assembly, normal, length)
     warnings += _graph_findings(mechanism, graph) + _part_findings(mechanism, opened)
+    contacts: tuple[FoundContacts, ...] = ()
+    try:
+        contacts = found_contacts(mechanism)
+    except DrawingError as error:
+        errors += error.problems
+    warnings += [sentence for found in contacts for sentence in _contact_findings(found)]
     if mechanism.provenance is not None:
         warnings += [f"the exporter says: {text}" for text in mechanism.provenance.warnings]
     return GraphReport(
@@ -134,6 +143,7 @@ def describe(mechanism: Mechanism) -> GraphReport:
         closure=tuple(_closure(joint, opened[joint.id]) for joint in mechanism.joints),
         closes=assembly.closed,
         floating=graph.floating,
+        contacts=contacts,
         errors=tuple(errors),
         warnings=tuple(warnings),
     )
@@ -206,6 +216,17 @@ def _graph_findings(mechanism: Mechanism, graph: Connectivity) -> list[str]:
         f'joint "{id}" connects two fixed bodies and does nothing; remove it, or let one of them move'
         for id in graph.idle
     ]
+
+
+def _contact_findings(found: FoundContacts) -> list[str]:
+    if found.overlapping:
+        pairs = ", ".join("-".join(pair) for pair in found.overlapping)
+        return [
+            f'effect "{found.effect}": {pairs} overlap as drawn and will not meet; correct the radius, or name them'
+        ]
+    if not found.pairs:
+        return [f'effect "{found.effect}": no two links can meet; name the pairs that do']
+    return []
 
 
 def _part_findings(mechanism: Mechanism, opened: dict[str, JointGap]) -> list[str]:

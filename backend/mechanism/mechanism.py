@@ -16,6 +16,9 @@ from backend.mechanism.kinds import EffectKind
 from backend.mechanism.marker import Marker
 from backend.mechanism.part import Part, Vector3
 
+FOUND = "link_contact"  # the one kind between two bodies whose pairs can be found in the drawing
+BY_LINK = ("start_a_m", "end_a_m", "start_b_m", "end_b_m")
+
 Named = TypeVar("Named", Body, Joint, Effect, Marker)
 
 
@@ -127,9 +130,24 @@ def effect_faults(mechanism: Mechanism, effect: Effect) -> list[str]:
     faults += wrong or order_faults(kind, effect.parameters)
     able = [joint for joint in mechanism.joints if joint.id in (joints or ()) and kind.suits(joint.type)]
     unfitted = [joint.id for joint in able if joint.fit is None or joint.fit.clearance_m() is None]
+    if kind.name == FOUND and effect.on == "all":
+        return faults + _found_faults(effect)
     if kind.acts_on == "bodies":
         faults += _unheld_faults(mechanism, kind, effect)
     return faults + missing_parameters(kind, effect.parameters, unfitted[0] if unfitted else None)
+
+
+def _found_faults(effect: Effect) -> list[str]:
+    """What belongs to one pair of links, said of all of them."""
+    faults = [
+        f'{name} is given, but on is "all" and every capsule ends at joints; remove it, or name two links'
+        for name in BY_LINK
+        if name in effect.parameters
+    ]
+    first, second = (effect.parameters.get(f"radius_{side}_m") for side in "ab")
+    if first is not None and second is not None and first != second:
+        faults += [f'radius_a_m is {first} m and radius_b_m {second} m, but on is "all"; give one radius for all links']
+    return faults
 
 
 def _unheld_faults(mechanism: Mechanism, kind: EffectKind, effect: Effect) -> Iterator[str]:
@@ -171,7 +189,7 @@ def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> l
     if on == "all":
         # Its points and axes are those of one body: they would mean nothing on every other.
         paired = f'on is "all", but {kind.name} acts on one body, or between two; name them. {known(ids)}'
-        return [paired] if acts_on == "bodies" else []
+        return [paired] if acts_on == "bodies" and kind.name != FOUND else []
     faults = [f'on names "{id}", but no {part} has that id. {known(ids)}' for id in on if id not in ids]
     if acts_on == "effect":
         able = [member.id for member in mechanism.effects if member.kind in kind.amends]

@@ -21,6 +21,7 @@ from backend.effects.shapes import (
 from backend.joints.catalogue import catalogue, joint_of_type
 from backend.mechanism.body import Body
 from backend.mechanism.effect import Effect, ParameterValue, kind_named, order_faults
+from backend.mechanism.found_contacts import contacts_declared
 from backend.mechanism.mechanism import Mechanism
 from backend.model.camera import camera
 from backend.model.drawing import Drawing
@@ -39,14 +40,15 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
 
     Raises ValueError naming joint types or effects that cannot be simulated yet, or what one of them lacks.
     """
-    drawn = [*mechanism.effects, *effects]
+    mechanism = contacts_declared(mechanism.model_copy(update={"effects": (*mechanism.effects, *effects)}))
+    drawn = mechanism.effects
     twice = sorted({e.id for e in drawn if sum(e.id == other.id for other in drawn) > 1})
     if twice:
         raise ValueError(f"effect id '{twice[0]}' is used twice; give each effect its own id")
     for effect in drawn:
         if effect_of_kind(effect.kind) and (faults := order_faults(kind_named(effect.kind), effect.parameters)):
             raise ValueError(f"effect '{effect.id}': {faults[0]}")
-    uncut, mechanism = mechanism, split(mechanism, effects)
+    uncut, mechanism = mechanism, split(mechanism)
     moving = [b.id for b in mechanism.bodies if not b.fixed]
     fixed = [b.id for b in mechanism.bodies if b.fixed]
     if not moving:

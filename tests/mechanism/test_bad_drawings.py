@@ -221,9 +221,9 @@ FAULTS = {
         effect("link_contact", ["link1", "ground"], radius_a_m=0.01, radius_b_m=0.01, start_a_m=[0, 0, 0]),
         ['effect "x"', "end_a_m is missing, and 1 joint of body", '"link1"', "start_b_m and end_b_m are missing"],
     ),
-    "contact of every body": (
+    "ends of one capsule for every link": (
         effect("link_contact", "all", **CAPSULES, radius_a_m=0.01, radius_b_m=0.01),
-        ['effect "x"', '"all"', "link_contact acts on one body, or between two"],
+        ['effect "x"', "start_a_m is given", "every capsule ends at joints", "name two links"],
     ),
     "contact with rebound above 1": (
         effect("link_contact", ["link1", "ground"], **CAPSULES, radius_a_m=0.01, radius_b_m=0.01, restitution=1.2),
