@@ -12,11 +12,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from backend.blind.contacts import DEAD, DEAD_BLOW, Capsules, Pads, hunt_crossley, pair_mass
+from backend.blind.poses import quaternion, rotation_matrix
 
 if TYPE_CHECKING:
     from backend.blind.drawing import DrawnJoint
     from backend.blind.exudyn_model import ExudynModel
 
+# rad a step, of the free bodies on what stands for a rigid link's wall.  Its damper, ten times critical, then acts in
+# half a step; a faster one rings (by -0.9 a step, the integrator's spectral radius) and, since it cannot pull, throws
+# the links apart.
+FOLLOWED = 0.1
 POINT = 1e-9  # m: Exudyn wants a sphere even where the drawing gives no pin
 
 
@@ -25,12 +30,14 @@ class Walls:
     """How Exudyn's walls stand for rigid ones, and where its friction begins to slide.
 
     rigid_stiffness [N/m]: of walls without a stiffness of their own.  damping_ratio: their damping in inelastic blows,
-    1 is critical for the free bodies that meet.  creep [m/s]: contact friction is proportional to speed below it.
-    slowest_blow [m/s]: slower ones bounce less than they should, and Exudyn's wall can hold the pin a moment.
+    1 is critical for the free bodies that meet; soft_damping_ratio: that of walls with a stiffness of their own.
+    creep [m/s]: contact friction is proportional to speed below it.  slowest_blow [m/s]: slower ones bounce less than
+    they should, and Exudyn's wall can hold the pin a moment.
     """
 
     rigid_stiffness: float = 1e7
     damping_ratio: float = 10.0
+    soft_damping_ratio: float = DEAD_BLOW
     creep: float = 3e-4
     slowest_blow: float = 1e-2
 
@@ -38,10 +45,13 @@ class Walls:
         """The wall's own, or what stands for a rigid one [N/m]."""
         return drawn if np.isfinite(drawn) else self.rigid_stiffness
 
+    def ratio(self, drawn: float) -> float:
+        """Damping over critical that takes a blow's energy."""
+        return self.soft_damping_ratio if np.isfinite(drawn) else self.damping_ratio
+
     def damping(self, drawn: float, mass: float) -> float:
-        """Linear damper that takes a blow's energy [N s/m]."""
-        ratio = DEAD_BLOW if np.isfinite(drawn) else self.damping_ratio
-        return 2.0 * ratio * float(np.sqrt(self.stiffness(drawn) * mass))
+        """Linear damper of that ratio [N s/m]."""
+        return 2.0 * self.ratio(drawn) * float(np.sqrt(self.stiffness(drawn) * mass))
 
 
 def add_play(model: ExudynModel, joint: DrawnJoint, markers: list[Any]) -> None:
@@ -108,31 +118,48 @@ def add_pads(model: ExudynModel, pads: Pads) -> None:
 
 
 def add_capsules(model: ExudynModel, pair: Capsules) -> None:
-    """Two capsules that push each other where their axes come nearest."""
-    bodies, walls = model.drawing.bodies, model.walls
-    stiffness = walls.stiffness(pair.stiffness)
+    """Two capsules that push each other where their axes come nearest.
+
+    A force of its own on the coordinates of both bodies: Exudyn's connector pushes each body at its own marker, and the
+    couple of the two forces would turn the pair.
+    """
+    walls, bodies = model.walls, model.drawing.bodies
     middles = ((pair.a, pair.ends_A.mean(0)), (pair.b, pair.ends_B.mean(0)))
     mass = pair_mass([(bodies[i], p, np.eye(3)[2]) for i, p in middles])
-    damping = walls.damping(pair.stiffness, mass)
+    stiffness = walls.stiffness(pair.stiffness)
+    if not np.isfinite(pair.stiffness):
+        stiffness = min(stiffness, mass * (FOLLOWED / model.step_s) ** 2)
+    damping = 2.0 * walls.ratio(pair.stiffness) * float(np.sqrt(stiffness * mass))
     dead, c = pair.restitution < DEAD, hunt_crossley(max(pair.restitution, DEAD))
     reach = pair.radius_a + pair.radius_b
     blow = {"speed": 0.0, "inside": False}
+    moving = [i for i in (pair.a, pair.b) if not bodies[i].fixed]
+    drawn = {i: np.array([*model.poses.p_WB[i], *quaternion(model.poses.R_WB[i][None])[0]]) for i in (pair.a, pair.b)}
+    if not moving:
+        return
 
-    def forces(mbs, t, item, displacement, rotation, velocity, spin, *rest):
-        """Force and torque on b seen from a's frame at a's origin, and what takes them; signs as Exudyn asks."""
-        R_AB = rotation_matrix_xyz(rotation)
-        p_AB, v_AB, w_AB = (np.asarray(part, float) for part in (displacement, velocity, spin))
-        ends_b = p_AB + pair.ends_B @ R_AB.T
-        near_a, near_b = nearest_points(pair.ends_A, ends_b)
+    def forces(mbs, t, item, displaced, rates):
+        """Generalised forces on position and Euler parameters of each moving body."""
+        q, q_dot = ({i: np.zeros(7) for i in drawn} for _ in range(2))
+        for place, i in enumerate(moving):
+            here = slice(7 * place, 7 * place + 7)
+            q[i], q_dot[i] = np.asarray(displaced[here], float), np.asarray(rates[here], float)
+        q = {i: drawn[i] + q[i] for i in drawn}
+        p, R = {i: q[i][:3] for i in q}, {i: rotation_matrix(q[i][3:]) for i in q}
+        near_a, near_b = nearest_points(p[pair.a] + pair.ends_A @ R[pair.a].T, p[pair.b] + pair.ends_B @ R[pair.b].T)
         gap = near_b - near_a
         distance = float(np.linalg.norm(gap))
         depth = reach - distance
         if depth <= 0.0 or distance == 0.0:
             blow["inside"] = False
-            return [0.0] * 6
+            return [0.0] * (7 * len(moving))
         n = gap / distance
         contact = near_a + (pair.radius_a - 0.5 * depth) * n
-        v = v_AB + np.cross(w_AB, contact - p_AB)
+
+        def velocity(i: int) -> np.ndarray:
+            return q_dot[i][:3] + np.cross(R[i] @ turning(q[i][3:]) @ q_dot[i][3:], contact - p[i])
+
+        v = velocity(pair.b) - velocity(pair.a)
         approach = -float(v @ n)
         if not blow["inside"]:
             blow["inside"], blow["speed"] = True, max(approach, walls.slowest_blow)
@@ -140,16 +167,27 @@ def add_capsules(model: ExudynModel, pair: Capsules) -> None:
         push += damping * approach if dead else push * c * approach / blow["speed"]
         push = max(push, 0.0)
         slip = v - (v @ n) * n
-        force = push * n - pair.friction * push * slip / np.sqrt(slip @ slip + walls.creep**2)
-        # Exudyn's torque acts on b about its own origin, and its reaction on a about a's, where it adds the lever.
-        return [*-force, *-np.cross(contact - p_AB, force)]
+        on_b = push * n - pair.friction * push * slip / np.sqrt(slip @ slip + walls.creep**2)
+        made = []
+        for i in moving:
+            force = on_b if i == pair.b else -on_b
+            made += [*force, *(turning(q[i][3:]).T @ R[i].T @ np.cross(contact - p[i], force))]
+        return made
 
+    size = 7 * len(moving)
     model.mbs.AddObject(
-        model.items.ObjectConnectorRigidBodySpringDamper(
-            markerNumbers=[model.marker(pair.a, np.zeros(3)), model.marker(pair.b, np.zeros(3))],
-            springForceTorqueUserFunction=forces,
+        model.items.ObjectGenericODE2(
+            nodeNumbers=[model.nodes[i] for i in moving],
+            massMatrix=np.zeros((size, size)),
+            forceUserFunction=forces,
         )
     )
+
+
+def turning(q: np.ndarray) -> np.ndarray:
+    """G of ω = G q̇, ω in body axes, q a unit quaternion."""
+    w, x, y, z = q
+    return 2.0 * np.array([[-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])
 
 
 def nearest_points(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -163,13 +201,3 @@ def nearest_points(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.n
         t = np.clip(t, 0.0, 1.0)
         s = np.clip((b * t - c) / a, 0.0, 1.0) if a > 0.0 else 0.0
     return one[0] + s * d1, other[0] + t * d2
-
-
-def rotation_matrix_xyz(angles: Any) -> np.ndarray:
-    """Rx Ry Rz of Exudyn's three angles."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
-    return (
-        np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-        @ np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
-        @ np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-    )

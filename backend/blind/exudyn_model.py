@@ -36,8 +36,10 @@ class ExudynModel:
         self.output = self.exudyn.OutputVariableType
         self.system, self.mbs = system, system.AddSystem()
         self.drawing, self.poses, self.creep = drawing, poses, creep
-        self.half, self.first_rates, self.walls = 0.5 * step_s, first_rates, walls
+        self.step_s, self.half = step_s, 0.5 * step_s
+        self.first_rates, self.walls = first_rates, walls
         self.bodies: list[Any] = []
+        self.nodes: dict[int, Any] = {}
         self.sensors: dict[int, tuple[Any, ...]] = {}
         self.held: dict[str, tuple[DrawnJoint, Any]] = {}
 
@@ -103,6 +105,7 @@ class ExudynModel:
         )
         c = body.p_BC
         J = body.inertia + body.mass * (c @ c * np.eye(3) - np.outer(c, c))  # Exudyn's is about the body's origin
+        self.nodes[i] = node
         number = self.mbs.AddObject(
             self.items.ObjectRigidBody(
                 mass=body.mass,

@@ -215,6 +215,27 @@ def roller(slope=0.0, height=0.0, radius=0.01, mass=0.1, **contact):
     return mechanism([bar], [joint("j", GROUND, bar, (0, 0, 0), type="planar")], [touch], gravity=leaning)
 
 
+def falls_on(post, **contact):
+    """A bar that falls about z on a round post along z beside its way, which stands still or swings about y."""
+    falling = bar("falling", (0, 0), (0.2 * np.sin(1.2), -0.2 * np.cos(1.2)))
+    along_z = np.array([np.sqrt(0.5), 0.0, -np.sqrt(0.5), 0.0])
+    foot = np.array([0.05, -0.12, -0.1])
+    standing = body("post", foot, along_z, 0.06, (0.1, 0, 0), (1e-6, 2e-4, 2e-4))
+    standing["fixed"] = not post
+    meet = effect(
+        "meet",
+        "link_contact",
+        ["falling", "post"],
+        **{f"{end}_{side}_m": [x, 0, 0] for side in "ab" for end, x in (("start", 0.0), ("end", 0.2))},
+        radius_a_m=0.01,
+        radius_b_m=0.01,
+        **contact,
+    )
+    hinges = [joint("j", GROUND, falling, (0, 0, 0))]
+    hinges += [joint("foot", GROUND, standing, foot, towards(np.array([0.0, 1.0, 0.0])))] if post else []
+    return mechanism([falling, standing], hinges, [meet])
+
+
 def two_links(type):
     """A bar on a ball joint, and a second bar on its end by a joint of the type: nothing lies in one plane."""
     upper = body("upper", (0, 0, 0), (1.0, 0, 0, 0), 0.1, (0.1, 0, 0), (2e-5, 3.4e-4, 3.4e-4))

@@ -171,6 +171,25 @@ def test_a_round_bar_slides_where_friction_is_less_than_a_third_of_the_slope(lin
     np.testing.assert_allclose(motion.position_m["bar"][:, 0], 0.5 * along * motion.time_s**2, atol=2e-4)
 
 
+def test_a_bar_that_falls_on_a_post_comes_to_rest_there(linkages, simulate):
+    motion = simulate(linkages.falls_on(post=False), 0.3, 4e-5, output_step_s=1e-3)
+    q, rate = motion.joint_positions["j"], motion.joint_velocities["j"]
+    assert abs(rate[-1]) < 1e-2
+    hit = np.abs(rate).argmax()
+    # MuJoCo gives back 5% (damping twice critical), Exudyn 4%: its wall cannot pull.
+    assert np.abs(q[hit:] - q[-1]).max() < 0.012
+
+
+def test_bars_that_cross_in_space_part_alike_in_both_engines(linkages, simulate_exudyn, simulate_mujoco):
+    drawn = linkages.falls_on(post=True)
+    exudyn = simulate_exudyn(drawn, 0.25, 4e-5, output_step_s=1e-3)
+    mujoco = simulate_mujoco(drawn, 0.25, 2e-5, output_step_s=1e-3)
+    for hinge in ("j", "foot"):
+        assert np.ptp(exudyn.joint_positions[hinge]) > 0.1
+        # 4 to 5% of the blow comes back in either.
+        np.testing.assert_allclose(exudyn.joint_positions[hinge], mujoco.joint_positions[hinge], atol=2e-3)
+
+
 def test_mujoco_refuses_a_stiffness_between_links(linkages, simulate_mujoco):
     with pytest.raises(ValueError, match=r'"touch".*no link_contact with stiffness_n_per_m'):
         simulate_mujoco(linkages.roller(stiffness_n_per_m=1e5), 0.1, 1e-3)
