@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import scaled
-from backend.diagnose.fitted import Fitted, log_evidence
+from backend.diagnose.fitted import log_evidence
 from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
 from backend.diagnose.which import Cause
@@ -47,32 +46,6 @@ class Belief:
 
 def _fits_as_well(c: Cause, best: Cause) -> bool:
     return abs(c.fitted.chi2 - best.fitted.chi2) < APART
-
-
-def softness(best: Fitted) -> float:
-    """Weight of the likelihood where even the best form is wrong: independent misses per sample over their power.
-
-    Miller and Dunson (2019) coarsen a likelihood so; a law that misses by ten sigmas over a hundred swings must not
-    count each sample as evidence against its rivals.
-    """
-    power = best.chi2 / max(best.r.size - best.x.size, 1)
-    free = sum(independent(best.r[rows]) for rows in best.rows) / best.r.size
-    return min(1.0, free / max(power, 1.0))
-
-
-def independent(r: Float[np.ndarray, " n"]) -> float:
-    """How many independent values a series is worth: n/m (1 - a)/(1 + a), a its correlation at the lag m.
-
-    m is the lag at which that is most: one for noise with memory, a quarter of a period for a smooth miss, of which the
-    number is the same however finely it is sampled.
-    """
-    n = r.size
-    if n < 2 or not np.any(r):
-        return float(n)
-    power = np.abs(np.fft.rfft(r, 2 * n)) ** 2
-    lag = np.arange(1, max(n // 4, 2))
-    a = np.maximum(np.fft.irfft(power)[lag] / float(r @ r), 0.0)
-    return float(np.max(n / lag * (1.0 - a) / (1.0 + a)))
 
 
 def weigh(

@@ -17,7 +17,8 @@ from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Choice, Subject
 from backend.fit.solve import LeastSquares, solve
 
-FTOL = 3e-6  # of an objective of a few thousand: a hundredth in log evidence
+GAIN = 0.1  # in log evidence, over the power of what is left: a step that brings less is the last
+REFUSALS = 5  # in a row: where friction sticks, a slope promises what no step brings
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,8 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
     known = subject.kept.end_of(key)
     if known is None:
         problem = LeastSquares(names, lambda x: linearise(x)[0], linearise, lower, upper, scale, seer.count)
-        solution = solve(problem, x, max_iterations=max_iterations, ftol=FTOL, cancelled=cancelled)
+        enough = 2.0 * GAIN / seer.count
+        solution = solve(problem, x, max_iterations=max_iterations, ftol=enough, refusals=REFUSALS, cancelled=cancelled)
         known, full, slopes = (solution.x, solution.status), solution.residual, solution.jacobian
         if not (cancelled is not None and cancelled()):
             subject.kept.note(key, *known)

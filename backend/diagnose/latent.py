@@ -45,13 +45,15 @@ class Latent:
 
 
 def forces(subject: Subject, fitted: Fitted) -> list[Float[np.ndarray, "samples joints waves"]]:
-    """Response of every experiment's samples to each bump of force at each joint, before any whitening."""
+    """Response of every experiment's samples to each bump of force at each joint, before any whitening, about a fit or
+    one that moves alike.
+    """
     joints = len(subject.joints)
 
     def one(i: int) -> np.ndarray:
         return np.nan_to_num(fitted.probes[i].drive_slopes(fitted.values, fitted.own(i), joints))
 
-    return subject.over(one, range(len(fitted.probes)))
+    return subject.alike("forces", fitted.r, lambda: subject.over(one, range(len(fitted.probes))))
 
 
 def responses(subject: Subject, fitted: Fitted, raw: Sequence[np.ndarray] | None = None) -> Latent:

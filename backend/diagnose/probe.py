@@ -20,7 +20,7 @@ from backend.fit.run import Run
 from backend.simulate.record import Record
 from backend.simulate.shelf import shelved
 
-AT_ONCE = 8  # directions
+AT_ONCE = 4  # directions: an effect, or two, with the start; the motion itself costs as much as three
 
 
 @shelved("addresses")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
@@ -11,16 +11,16 @@ import numpy as np
 from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
-from backend.diagnose.belief import Belief, aliases, log_prior, softness, weigh
-from backend.diagnose.fitted import log_evidence
+from backend.diagnose.belief import Belief, aliases, weigh
+from backend.diagnose.climb import ALPHA, SMALL, SURE, Climb
 from backend.diagnose.kept import Kept
 from backend.diagnose.latent import Latent, forces, responses
-from backend.diagnose.library import SMOOTH, families, library
+from backend.diagnose.library import SMOOTH, library
 from backend.diagnose.next_experiment import next_experiment
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
+from backend.diagnose.softness import softness
 from backend.diagnose.subject import Subject, prepare
-from backend.diagnose.switch import passed
 from backend.diagnose.unknown import unknown_evidence
 from backend.diagnose.unseen import left_unseen
 from backend.diagnose.verdict import make_report
@@ -31,23 +31,11 @@ from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study
 from backend.model.build import build
 
-ALPHA = 0.01
-DEEPEST = 4  # effects in one explanation
-IN_THE_PICTURE = 0.99  # probability of the camera beyond which no effect that switches on is tried
-LOUD = 0.25  # noise variances a sample: what must be left for a third effect to be sought
-BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
-WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 STRICT = 1e-3  # p of what is left on held-out experiments, below which it is no chance
 WIDE = 1e4  # noise variances a sample: a gap that large counts no more
-IN_REACH = 0.3  # of what is left: less than the whole library could take is not worth a search for sets
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
 NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its name, though its form is not the last
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
-SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
-WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
-NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
-SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
-SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
 
 Progress = Callable[[float, str], None]
 
@@ -125,13 +113,14 @@ class _Inquiry:
         model_free = place_evidence(baseline.fitted, latent, self.scale)
         first = self.held_out(baseline)
         if p > ALPHA and baseline.fitted.fraction == 1.0:
-            return self.report("none", baseline, baseline, None, about, latent, at_base, p, model_free, first, first)
+            return self.report("none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first)
         singles = self.search.level([baseline], REFITS)
         if p > CLEAR and baseline.fitted.fraction == 1.0 and self.doubtful(baseline, singles):
-            return self.report("none", baseline, baseline, None, about, latent, at_base, p, model_free, first, first)
-        best, last = self.climb(baseline, singles, at_base)
-        best, last = self.switching(baseline, best, last, at_base)
-        return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first)
+            return self.report("none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first)
+        climb = Climb(self.study, self.search, baseline, at_base, self.rng, self.scale, self.tolerance_m, self.without)
+        best, last = climb.switching(*climb.smooth(singles))
+        self.scale = climb.scale
+        return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb.enough(last))
 
     def doubtful(self, baseline: Cause, singles: list[Cause]) -> bool:
         """Whether nothing amiss is likelier than any cause or unknown law, though a test found the data unusual."""
@@ -145,173 +134,19 @@ class _Inquiry:
         directed = about.rescaled(self.scale).p_value(self.subject.library.candidates, self.rng)
         return min(1.0, 2.0 * min(at_base.p, directed))
 
-    def climb(self, baseline: Cause, singles: list[Cause], at_base: Adequacy) -> tuple[Cause, Adequacy]:
-        """Add effects as long as what is left is large enough to be worth one, and one takes a good part of it."""
-        best, level = baseline, singles
-        found: Adequacy | None = None
-        for depth in range(1, DEEPEST + 1):
-            leaders = self.leaders(level)
-            if not leaders:
-                break
-            top = leaders[0]
-            self.search.look_again(top)
-            judged = adequacy(top.fitted, self.search.latent, self.rng)
-            self.tell(f"{' + '.join(top.names)} leaves {judged.excess:.3g} of the noise's power, p {judged.p:.2g}")
-            if found is not None and not self.better(top, best, judged, found):
-                break
-            best, found = top, judged
-            if self.may_mislead(top) and not self.enough(judged):
-                best, found = top, judged = self.exchanged(top, judged, WORTH)
-            if top.fitted.fraction == 1.0:
-                self.scale = max(1.0, min(judged.noise, 1.5))
-            if self.enough(judged) or depth == DEEPEST or self.cancelled() or self.little(top, judged, at_base, depth):
-                break
-            if self.out_of_reach(top, judged):
-                self.tell("nothing smooth in the library could take what is left")
-                break
-            level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS)
-        if found is None:
-            found = adequacy(best.fitted, self.search.latent, self.rng)
-        if len(best.candidates) > SURE and self.may_mislead(best) and not self.cancelled():
-            best, found = self.exchanged(best, found, NAMED)
-        return best, found
-
-    def may_mislead(self, best: Cause) -> bool:
-        """Whether the way to a set is worth going back: to a pair, or to three where the drawing loses the motion."""
-        return SURE <= len(best.candidates) <= (SURE if self.search.followed == 1.0 else SURE + 1)
-
-    def exchanged(self, best: Cause, found: Adequacy, worth: float) -> tuple[Cause, Adequacy]:
-        """The best set with members given up or exchanged, as long as that makes it so much more probable."""
-        for _ in best.candidates:
-            self.search.exchange(best)
-            top = self.most_probable(best, worth)
-            if top is best or self.cancelled():
-                break
-            self.search.look_again(top)
-            best, found = top, adequacy(top.fitted, self.search.latent, self.rng)
-            self.tell(f"{' + '.join(best.names)} instead leaves {found.excess:.3g} of the noise's power")
-            if self.enough(found):
-                break
-        return best, found
-
-    def switching(self, baseline: Cause, best: Cause, last: Adequacy, at_base: Adequacy) -> tuple[Cause, Adequacy]:
-        """Where nothing smooth is enough: stops, play, bending and friction that grows with load, family by family."""
-        if self.enough(last) or baseline.fitted.fraction < 1.0 or self.little(best, last, at_base, 1):
-            return best, last
-        for cause in self.search.tuning(baseline):
-            if self.leaders([cause, best])[0] is cause:
-                self.search.look_again(cause)
-                best, last = cause, adequacy(cause.fitted, self.search.latent, self.rng)
-        if self.enough(last):
-            return best, last
-        places = shares(place_evidence(best.fitted, self.search.latent, self.scale))
-        if places.get("camera", 0.0) > IN_THE_PICTURE or last.excess * best.fitted.r.size < WORTH_A_TRY:
-            return best, last  # what is left does not lie in the mechanism, or is too little to bear another effect
-        motion = passed(baseline.fitted)
-        for family in families(self.without):
-            if family == SMOOTH or self.cancelled():
-                continue
-            self.tell(f"trying {family.replace('_', ' ')}")
-            known = library(self.study.mechanism, family, self.study.tolerances, self.without)
-            if not any(c.family == family for c in known.candidates):
-                continue
-            noise = (self.subject.noise, self.subject.held_noise)
-            subject = prepare(self.study, known, self.subject.step_s, noise, self.subject.kept)
-            for mine, known_one in zip(
-                (*subject.fit, *subject.held_out), (*self.subject.fit, *self.subject.held_out), strict=True
-            ):
-                mine.correction = known_one.correction
-            search = Search(subject, self.tell, self.cancelled, self.search.latent)
-            for cause in search.switching(baseline, family, motion):
-                self.search.tried[cause.names] = cause
-                top = self.leaders([cause, best])[0]
-                if top is cause:
-                    search.look_again(cause)
-                    best, last = cause, adequacy(cause.fitted, search.latent, self.rng)
-            if self.enough(last):
-                break
-            if best.names in search.tried and len(best.candidates) < SURE:
-                for cause in search.level([best], PARTNERS)[:1]:
-                    search.look_again(cause)
-                    judged = adequacy(cause.fitted, search.latent, self.rng)
-                    if self.better(cause, best, judged, last):
-                        self.search.tried[cause.names] = cause
-                        best, last = cause, judged
-        return best, last
-
-    def little(self, top: Cause, judged: Adequacy, at_base: Adequacy, depth: int) -> bool:
-        """Too little is left to bear one more effect: it would be a wrong form's remainder that gets a name."""
-        left = max(judged.excess, 0.0)
-        if top.fitted.fraction < 1.0:
-            return False
-        if depth < SURE:
-            return left < SMALL**2 * at_base.excess and left * top.fitted.r.size < BARE
-        return left < LOUD
-
-    def out_of_reach(self, top: Cause, judged: Adequacy) -> bool:
-        """Whether all candidates together, to first order, would leave most of what is left."""
-        if top.fitted.fraction < 1.0:
-            return False
-        return self.search.screen(top).ceiling() < IN_REACH * judged.excess * top.fitted.r.size
-
-    def leaders(self, level: Sequence[Cause]) -> list[Cause]:
-        """Most probable first, among those that follow the longest part of the records."""
-        longest = max((c.fitted.fraction for c in level), default=1.0)
-        at = [c for c in level if c.fitted.fraction == longest]
-        return sorted(at, key=lambda c: -(log_evidence(scaled(c.fitted, self.scale)) + c.log_odds))
-
-    def most_probable(self, best: Cause, worth: float) -> Cause:
-        """Of all sets tried that are no larger, by as much of the likelihood as the closest fit bears; others must be
-        worth it.
-        """
-        count = len(self.subject.library.candidates)
-        sets = [
-            c for c in self.search.tried.values()
-            if 0 < len(c.candidates) <= len(best.candidates) and c.fitted.fraction == best.fitted.fraction
-        ]  # fmt: skip
-        closest = min(sets, key=lambda c: c.fitted.chi2)
-        width = self.scale / np.sqrt(softness(scaled(closest.fitted, self.scale)))
-
-        def weight(c: Cause) -> float:
-            return log_evidence(scaled(c.fitted, width)) + c.log_odds + log_prior(len(c.candidates), count)
-
-        top = max(sets, key=weight)
-        return top if weight(top) > weight(best) + worth else best
-
-    def better(self, top: Cause, best: Cause, judged: Adequacy, found: Adequacy) -> bool:
-        """Whether one more effect earned its place."""
-        if top.fitted.fraction > best.fitted.fraction:
-            return True
-        if top.fitted.fraction < best.fitted.fraction:
-            return False
-        weight = np.sqrt(softness(scaled(top.fitted, self.scale))) if not self.enough(judged) else 1.0
-        width = self.scale / weight
-        gain = log_evidence(scaled(top.fitted, width)) - log_evidence(scaled(best.fitted, width))
-        asked = max(WORTH, np.log(len(self.subject.library.candidates)) + 2.0)
-        return gain > asked and max(judged.excess, 0.0) < SAME_POWER * max(found.excess, 1e-12)
-
-    def enough(self, judged: Adequacy) -> bool:
-        """Nothing smooth is left, to the strictness of the noise or of the user's tolerance."""
-        return judged.p > ALPHA or self.within_tolerance(judged)
-
-    def within_tolerance(self, judged: Adequacy) -> bool:
-        """What is left is smaller than the user minds."""
-        if self.tolerance_m is None:
-            return False
-        sigma = float(np.median(np.concatenate(self.subject.noise.sigma)))
-        return np.sqrt(max(judged.upper, 0.0)) * sigma * self.scale < self.tolerance_m
-
     def held_out(self, cause: Cause) -> tuple[Test, ...]:
         """Tests on the held-out experiments, under values frozen."""
         self.tell("testing on held-out experiments")
         return tuple(held_out_tests(cause.fitted, self.scale))
 
-    def judge(self, baseline, best: Cause, last: Adequacy, about, latent, at_base, p, model_free, first) -> Diagnosis:
-        """The verdict, from adequacy here and on the held-out experiments."""
+    def judge(
+        self, baseline, best: Cause, last: Adequacy, about, latent, at_base, p, model_free, first, enough: bool
+    ) -> Diagnosis:
+        """The verdict, from adequacy here (`enough`: nothing smooth is left) and on the held-out experiments."""
         after = self.held_out(best)
         shrunk = shrinkage(first, after, self.rng) if first else None
         small = max(last.excess, 0.0) < SMALL**2 * max(at_base.excess, 0.0) and baseline.fitted.fraction == 1.0
-        fits = self.enough(last) or small
+        fits = enough or small
         left, drawn = left_unseen(best.fitted, self.scale), left_unseen(baseline.fitted, self.scale)
         if left is not None and drawn is not None:
             self.tell(f"on held-out experiments {left.excess:.3g} of the noise's power is left, p {left.p:.2g}")
@@ -324,15 +159,15 @@ class _Inquiry:
         complete = best.fitted.fraction == 1.0
         fits = fits and len(best.candidates) <= SURE
         verdict = "identified" if fits and complete else "approximate" if removed >= 0.9 and complete else "unknown"
-        return self.report(verdict, baseline, best, last, about, latent, at_base, p, model_free, first, after)
+        return self.report(verdict, baseline, best, enough, about, latent, at_base, p, model_free, first, after)
 
     def tolerated(self, shrunk: Shrinkage) -> bool:
         """What is left on held-out experiments is smaller than the user minds."""
         return self.tolerance_m is not None and shrunk.excess_upper < self.tolerance_m
 
     def report(
-        self, verdict, baseline: Cause, best: Cause, last, about: Screen, latent: Latent, at_base, p, model_free,
-        first, after,
+        self, verdict, baseline: Cause, best: Cause, enough: bool, about: Screen, latent: Latent, at_base, p,
+        model_free, first, after,
     ) -> Diagnosis:  # fmt: skip
         """Probabilities, pictures' material and the report."""
         self.tell("weighing the explanations")
@@ -351,7 +186,7 @@ class _Inquiry:
         belief = weigh(same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown)
         shrunk = shrinkage(first, after, self.rng) if first else None
         nearly_all = shrunk is not None and shrunk.explained is not None and shrunk.explained > NEARLY_ALL
-        doubtful = self.enough(last) if verdict == "identified" else verdict == "approximate" and not nearly_all
+        doubtful = enough if verdict == "identified" else verdict == "approximate" and not nearly_all
         if doubtful and belief.unknown > DOUBT:
             verdict = "unknown"
         if verdict == "identified" and (len(belief.reported) > 1 or belief.unknown > max(belief.probability)):

@@ -14,6 +14,7 @@ from backend.diagnose.library import Candidate
 from backend.diagnose.subject import Subject
 
 DRAWS = 2000
+SAME = 0.01  # of a response: what may differ between two that do the same
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,14 @@ class Screen:
             p.name: float(np.clip(p.start + d, p.lower, p.upper))
             for p, d in zip(candidate.parameters, step, strict=True)
         }
+
+    def imitated(self, candidate: Candidate, done: Float[np.ndarray, " n"]) -> dict[str, float] | None:
+        """Values by which the candidate does to first order what another did, by name; None where it cannot."""
+        S = self.signature(candidate)
+        step = np.linalg.lstsq(S, done, rcond=1e-12)[0]
+        if np.sum((done - S @ step) ** 2) >= SAME * (done @ done):
+            return None
+        return {p.name: float(p.start + d) for p, d in zip(candidate.parameters, step, strict=True)}
 
     def ranking(self, candidates: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
         """Largest gain first."""
@@ -127,13 +136,16 @@ def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
 
 
 def screen(subject: Subject, fitted: Fitted) -> Screen:
-    """One sweep of forward sensitivities about a fit."""
+    """One sweep of forward sensitivities about a fit, or about one that moves alike."""
     seer = Seer(subject, fitted.probes, fitted.fraction)
 
     def one(i: int) -> np.ndarray:
         return seer.white[i](np.nan_to_num(fitted.probes[i].all_slopes(fitted.values, fitted.own(i))))
 
-    S = np.concatenate(subject.over(one, range(len(fitted.probes))))
+    def sweep() -> np.ndarray:
+        return np.concatenate(subject.over(one, range(len(fitted.probes))))
+
+    S = subject.alike("library", fitted.r, sweep)
     taken = set(np.flatnonzero(fitted.choice.ties.any(1)).tolist())
     H = np.linalg.pinv(fitted.information, hermitian=True)
     S = S - fitted.J @ (H @ (fitted.J.T @ S))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +30,7 @@ FLOOR = (2048, 4096)  # steps and samples: most records fit in one frame, and ro
 FEW_WAVES = (4, 8, 12, 16, 24, 32, 48)  # of which each is a program of its own
 PER_TIME = 1.6  # natural times between bumps
 ALL_WAVES = 512  # joints times bumps
+ALIKE = 0.2  # of the sum of squares that a motion leaves
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 
@@ -72,6 +73,7 @@ class Subject:
     step_s: float
     joints: tuple[str, ...]
     kept: Kept = field(default_factory=Kept)
+    slopes: dict[str, list[tuple[np.ndarray, Any]]] = field(default_factory=dict)
 
     @cached_property
     def neutral(self) -> np.ndarray:
@@ -87,6 +89,17 @@ class Subject:
         ties = [c.ties(count) for c in candidates] + [np.eye(count)[:, [i]] for i in rest]
         sd = np.array([p.prior_sd for p in parameters], float)
         return Choice(tuple(candidates), tuple(parameters), np.concatenate([np.zeros((count, 0)), *ties], 1), sd)
+
+    def alike(self, what: str, r: Float[np.ndarray, " n"], make: Callable[[], Made]) -> Made:
+        """Slopes about a motion that leaves r, or about another that comes closer to it than it comes to the data:
+        to first order they say the same.
+        """
+        known = self.slopes.setdefault(what, [])
+        for left, made in known:
+            if left.size == r.size and np.sum((left - r) ** 2) < ALIKE * (r @ r):
+                return made
+        known.append((r, make()))
+        return known[-1][1]
 
     def over(self, work: Callable[[Item], Made], items: Sequence[Item]) -> list[Made]:
         """One after the other on each core."""

@@ -6,7 +6,7 @@ so wide that the drawing loses the motion is first read over as much of the reco
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -177,15 +177,28 @@ class Search:
                     continue
                 self.tell(f"trying {' + '.join(names)}")
                 choice = self.subject.choose(*parent.candidates, candidate)
-                known = dict(zip((p.name for p in parent.fitted.choice.parameters), parent.fitted.values, strict=True))
-                known |= about.guess(candidate)
-                start = start_of(self.subject, choice, known)
-                start[len(choice.parameters) :] = parent.fitted.x[parent.fitted.count :]
-                fitted = fit(self.subject, choice, start=start, fractions=self._horizons(parent))
+                begin, values = self._beginning(parent.fitted, about, candidate, fits)
+                fitted = fit(self.subject, choice, start=_from(begin, choice, values), fractions=self._horizons(parent))
                 if np.isfinite(fitted.chi2):  # a set that loses the motion from its start explains nothing
                     fits.append(fitted)
             made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
+
+    def _beginning(
+        self, parent: Fitted, about: Screen, candidate: Candidate, fits: Sequence[Fitted]
+    ) -> tuple[Fitted, dict[str, float]]:
+        """The fit to begin from, and values for a candidate that joins it: where the best of two ended that do the
+        same as it (every hinge of a scissor rubs alike), or at the parent with a guess.
+        """
+        alike = []
+        for f in fits:
+            other = f.choice.candidates[-1]
+            change = (f.values - f.choice.start)[f.choice.own - len(other.parameters) : f.choice.own]
+            if values := about.imitated(candidate, about.signature(other) @ change):
+                alike.append((f, values))
+        if len(alike) > 1:  # the first may have ended in a place of its own
+            return min(alike, key=lambda pair: pair[0].chi2)
+        return parent, about.guess(candidate)
 
     def _horizons(self, cause: Cause) -> tuple[float, ...]:
         """Shares of the records over which a set like the cause is fitted, one after the other: where the drawing
@@ -203,10 +216,7 @@ class Search:
     def _without(self, cause: Cause, member: Candidate) -> Cause:
         """What remains of a cause, begun where the cause ended."""
         choice = self.subject.choose(*(c for c in cause.candidates if c is not member))
-        known = dict(zip((p.name for p in cause.fitted.choice.parameters), cause.fitted.values, strict=True))
-        start = start_of(self.subject, choice, known)
-        start[len(choice.parameters) :] = cause.fitted.x[cause.fitted.count :]
-        fitted = fit(self.subject, choice, start=start, fractions=self._horizons(cause))
+        fitted = fit(self.subject, choice, start=_from(cause.fitted, choice), fractions=self._horizons(cause))
         rest = Cause(fitted, log_evidence(fitted))
         before = self.tried.get(rest.names)
         if before is not None and before.fitted.fraction == fitted.fraction and not rest.log_z > before.log_z:
@@ -235,9 +245,7 @@ class Search:
                 self.tell(f"trying {candidate.name}")
                 if values := tuned(self.screen(baseline), candidate):
                     choice = self.subject.choose(candidate)
-                    start = start_of(self.subject, choice, values)
-                    start[len(choice.parameters) :] = baseline.fitted.x[baseline.fitted.count :]
-                    fitted = fit(self.subject, choice, start=start)
+                    fitted = fit(self.subject, choice, start=_from(baseline.fitted, choice, values))
                     if np.isfinite(fitted.chi2):
                         made.append(self._keep(fitted))
         return made
@@ -289,6 +297,14 @@ class Search:
         cause = Cause(fitted, log_evidence(fitted))
         self.tried[cause.names] = cause
         return cause
+
+
+def _from(fitted: Fitted, choice: Choice, values: Mapping[str, float] | None = None) -> np.ndarray:
+    """Where a fit of another choice begins: at the values and starts of one that ended, and at these values."""
+    known = dict(zip((p.name for p in fitted.choice.parameters), fitted.values, strict=True)) | dict(values or {})
+    start = start_of(fitted.subject, choice, known)
+    start[len(choice.parameters) :] = fitted.x[fitted.count :]
+    return start
 
 
 def _in_order(fitted: Fitted) -> bool:

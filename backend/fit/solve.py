@@ -200,6 +200,8 @@ def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, ref
             return end("converged", "Converged: the residual is orthogonal to every free parameter.")
         if len(history) > PATIENCE and history[-1 - PATIENCE].objective - objective < ROUGH * objective:
             return end("rough", f"Converged as far as the simulation is smooth: {PATIENCE} steps gained little.")
+        if len(history) > 1 and damping < 1.0 and history[-2].objective - objective <= ftol * objective:
+            return end("converged", f"Converged: the last step gained no more than {ftol:g} of the objective.")
         if len(history) > max_iterations:
             return end("iteration_limit", STILL_IMPROVING.format(max_iterations))
         refused = 0

@@ -169,3 +169,12 @@ def test_the_best_of_several_starts_wins():
     assert abs(every[0].x[0] - 6.0) > 0.01  # the first start alone is caught in a neighbouring valley
     assert len(every) == 41
     assert found.x[0] == pytest.approx(6.0, abs=1e-6)
+
+
+def test_a_search_ends_with_the_step_that_brings_less_than_was_asked():
+    time = np.linspace(0, 2, 40)
+    value = 3 * np.exp(-0.7 * time) + 0.1 * np.random.default_rng(0).standard_normal(40)
+    to_the_end, enough = (solve(decay(time, value), np.array([1.0, 0.1]), ftol=f) for f in (1e-12, 1e-2))
+    assert enough.converged
+    assert enough.evaluations < to_the_end.evaluations
+    assert enough.objective < 1.01 * to_the_end.objective

@@ -1,7 +1,7 @@
 """Start poses that close every loop, and the motion that follows a release.
 
-Smooth realities move together through DOP853 (Hairer, Nørsett, Wanner 1993); bristles and contacts one by one through
-LSODA (Petzold 1983), which turns implicit where they are stiff.
+Smooth realities, and what a witness tries, move together through DOP853 (Hairer, Nørsett, Wanner 1993); crisp bristles
+and contacts one by one through LSODA (Petzold 1983), which turns implicit where they are stiff.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ def move(
     if plant.sloshes:
         _hang(plant, state)
     time_s = np.linspace(0, duration_s, round(duration_s / GRID_S) + 1)
-    if plant.bristles or laws.has(*TOUCHING):
+    if crisp and (plant.bristles or laws.has(*TOUCHING)):
         return Motion(plant, time_s, _one_by_one(plant, laws, state, time_s, crisp, tolerance))
     return Motion(plant, time_s, _run(plant, state, time_s, "DOP853", tolerance))
 
@@ -206,7 +206,7 @@ def _run(plant: Plant, state: np.ndarray, time_s: np.ndarray, method: str, toler
 
     exact = np.full(shape, 0.1 * tolerance)
     exact[:, 2 * plant.n : 2 * plant.n + plant.pins * plant.bristles] = BRISTLE_EXACT
-    longest = 0.01 if method == "LSODA" else 0.05  # s: a blow between two steps would be missed
+    longest = 0.01 if method == "LSODA" or plant.laws.has(*TOUCHING) else 0.05  # s: a blow between would be missed
     # A singular pose ends in nonsense rates, which the check below names.
     with np.errstate(all="ignore"):
         try:

@@ -1,0 +1,208 @@
+"""How many causes: one more effect at a time while the data bear it, then sets gone back on, then what switches on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from backend.diagnose.adequacy import Adequacy, adequacy, scaled
+from backend.diagnose.belief import weigh
+from backend.diagnose.fitted import log_evidence
+from backend.diagnose.library import SMOOTH, families, library
+from backend.diagnose.softness import softness
+from backend.diagnose.subject import prepare
+from backend.diagnose.switch import passed
+from backend.diagnose.where import place_evidence, shares
+from backend.diagnose.which import LEADERS, PARTNERS, Cause, Search
+from backend.mechanism.study import Study
+
+ALPHA = 0.01
+DEEPEST = 4  # effects in one explanation
+SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
+IN_THE_PICTURE = 0.99  # probability of the camera beyond which no effect that switches on is tried
+LOUD = 0.25  # noise variances a sample: what must be left for a third effect to be sought
+BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
+WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
+SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
+IN_REACH = 0.3  # of what is left: less than the whole library could take is not worth a search for sets
+WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
+NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
+SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
+
+
+@dataclass
+class Climb:
+    """From the drawing as it is (`baseline`, judged by `at_base`) to the best set of causes.
+
+    scale: of all sigmas, learnt on the way. tolerance_m: what may remain [m, or rad where only encoders measured].
+    """
+
+    study: Study
+    search: Search
+    baseline: Cause
+    at_base: Adequacy
+    rng: np.random.Generator
+    scale: float
+    tolerance_m: float | None
+    without: frozenset[str]
+
+    def smooth(self, singles: list[Cause]) -> tuple[Cause, Adequacy]:
+        """Add effects as long as what is left is large enough to be worth one, and one takes a good part of it."""
+        best, level = self.baseline, singles
+        found: Adequacy | None = None
+        for depth in range(1, DEEPEST + 1):
+            leaders = self._leaders(level)
+            if not leaders:
+                break
+            top, judged = self._judged(leaders[0])
+            self._tell(f"{' + '.join(top.names)} leaves {judged.excess:.3g} of the noise's power, p {judged.p:.2g}")
+            if found is not None and not self._better(top, best, judged, found):
+                break
+            best, found = top, judged
+            if self._may_mislead(top) and not self.enough(judged):
+                best, found = top, judged = self._exchanged(top, judged, WORTH)
+            if top.fitted.fraction == 1.0:
+                self.scale = max(1.0, min(judged.noise, 1.5))
+            if self.enough(judged) or depth == DEEPEST or self._cancelled() or self._little(top, judged, depth):
+                break
+            if self._out_of_reach(top, judged):
+                self._tell("nothing smooth in the library could take what is left")
+                break
+            level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS)
+        if found is None:
+            found = adequacy(best.fitted, self.search.latent, self.rng)
+        if len(best.candidates) > SURE and self._may_mislead(best) and not self._cancelled():
+            best, found = self._exchanged(best, found, NAMED)
+        return best, found
+
+    def switching(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """Where nothing smooth is enough: stops, play, bending and friction that grows with load, family by family."""
+        if self.enough(last) or self.baseline.fitted.fraction < 1.0 or self._little(best, last, 1):
+            return best, last
+        for cause in self.search.tuning(self.baseline):
+            if self._leaders([cause, best])[0] is cause:
+                best, last = self._judged(cause)
+        if self.enough(last):
+            return best, last
+        places = shares(place_evidence(best.fitted, self.search.latent, self.scale))
+        if places.get("camera", 0.0) > IN_THE_PICTURE or last.excess * best.fitted.r.size < WORTH_A_TRY:
+            return best, last  # what is left does not lie in the mechanism, or is too little to bear another effect
+        motion = passed(self.baseline.fitted)
+        for family in families(self.without):
+            if family == SMOOTH or self._cancelled():
+                continue
+            self._tell(f"trying {family.replace('_', ' ')}")
+            search = self._search_of(family)
+            if search is None:
+                continue
+            for cause in search.switching(self.baseline, family, motion):
+                self.search.tried[cause.names] = cause
+                if self._leaders([cause, best])[0] is cause:
+                    best, last = self._judged(cause, search)
+            if self.enough(last):
+                break
+            if best.names in search.tried and len(best.candidates) < SURE:
+                for cause in search.level([best], PARTNERS)[:1]:
+                    cause, judged = self._judged(cause, search)
+                    if self._better(cause, best, judged, last):
+                        self.search.tried[cause.names] = cause
+                        best, last = cause, judged
+        return best, last
+
+    def _search_of(self, family: str) -> Search | None:
+        """The same experiments under another family's model; None where the mechanism has no place for it."""
+        known = library(self.study.mechanism, family, self.study.tolerances, self.without)
+        if not any(c.family == family for c in known.candidates):
+            return None
+        mine = self.search.subject
+        subject = prepare(self.study, known, mine.step_s, (mine.noise, mine.held_noise), mine.kept)
+        for new, old in zip((*subject.fit, *subject.held_out), (*mine.fit, *mine.held_out), strict=True):
+            new.correction = old.correction
+        return Search(subject, self.search.tell, self.search.cancelled, self.search.latent)
+
+    def _judged(self, cause: Cause, search: Search | None = None) -> tuple[Cause, Adequacy]:
+        """A cause and what it leaves, with the responses to unknown forces taken about it."""
+        search = search or self.search
+        search.look_again(cause)
+        return cause, adequacy(cause.fitted, search.latent, self.rng)
+
+    def _may_mislead(self, best: Cause) -> bool:
+        """Whether the way to a set is worth going back: to a pair, or to three where the drawing loses the motion."""
+        return SURE <= len(best.candidates) <= (SURE if self.search.followed == 1.0 else SURE + 1)
+
+    def _exchanged(self, best: Cause, found: Adequacy, worth: float) -> tuple[Cause, Adequacy]:
+        """The best set with members given up or exchanged, as long as that makes it so much more probable."""
+        for _ in best.candidates:
+            self.search.exchange(best)
+            top = self._most_probable(best, worth)
+            if top is best or self._cancelled():
+                break
+            best, found = self._judged(top)
+            self._tell(f"{' + '.join(best.names)} instead leaves {found.excess:.3g} of the noise's power")
+            if self.enough(found):
+                break
+        return best, found
+
+    def _most_probable(self, best: Cause, worth: float) -> Cause:
+        """Of all sets tried that are no larger, by as much of the likelihood as the closest fit bears; others must be
+        worth it.
+        """
+        sets = [
+            c for c in self.search.tried.values()
+            if 0 < len(c.candidates) <= len(best.candidates) and c.fitted.fraction == best.fitted.fraction
+        ]  # fmt: skip
+        closest = min(sets, key=lambda c: c.fitted.chi2)
+        soft = softness(scaled(closest.fitted, self.scale))
+        found = weigh(None, sets, len(self.search.subject.library.candidates), scale=self.scale, softness=soft)
+        place = next(i for i, c in enumerate(found.causes) if c is best)
+        return found.causes[0] if found.log_z[0] > found.log_z[place] + worth else best
+
+    def _leaders(self, level: Sequence[Cause]) -> list[Cause]:
+        """Most probable first, among those that follow the longest part of the records."""
+        longest = max((c.fitted.fraction for c in level), default=1.0)
+        at = [c for c in level if c.fitted.fraction == longest]
+        return sorted(at, key=lambda c: -(log_evidence(scaled(c.fitted, self.scale)) + c.log_odds))
+
+    def _better(self, top: Cause, best: Cause, judged: Adequacy, found: Adequacy) -> bool:
+        """Whether one more effect earned its place."""
+        if top.fitted.fraction != best.fitted.fraction:
+            return top.fitted.fraction > best.fitted.fraction
+        weight = np.sqrt(softness(scaled(top.fitted, self.scale))) if not self.enough(judged) else 1.0
+        width = self.scale / weight
+        gain = log_evidence(scaled(top.fitted, width)) - log_evidence(scaled(best.fitted, width))
+        asked = max(WORTH, np.log(len(self.search.subject.library.candidates)) + 2.0)
+        return gain > asked and max(judged.excess, 0.0) < SAME_POWER * max(found.excess, 1e-12)
+
+    def _little(self, top: Cause, judged: Adequacy, depth: int) -> bool:
+        """Too little is left to bear one more effect: it would be a wrong form's remainder that gets a name."""
+        left = max(judged.excess, 0.0)
+        if top.fitted.fraction < 1.0:
+            return False
+        if depth < SURE:
+            return left < SMALL**2 * self.at_base.excess and left * top.fitted.r.size < BARE
+        return left < LOUD
+
+    def _out_of_reach(self, top: Cause, judged: Adequacy) -> bool:
+        """Whether all candidates together, to first order, would leave most of what is left."""
+        if top.fitted.fraction < 1.0:
+            return False
+        return self.search.screen(top).ceiling() < IN_REACH * judged.excess * top.fitted.r.size
+
+    def enough(self, judged: Adequacy) -> bool:
+        """Nothing smooth is left, to the strictness of the noise or of the user's tolerance."""
+        return judged.p > ALPHA or self._within_tolerance(judged)
+
+    def _within_tolerance(self, judged: Adequacy) -> bool:
+        """What is left is smaller than the user minds."""
+        if self.tolerance_m is None:
+            return False
+        sigma = float(np.median(np.concatenate(self.search.subject.noise.sigma)))
+        return np.sqrt(max(judged.upper, 0.0)) * sigma * self.scale < self.tolerance_m
+
+    def _tell(self, words: str) -> None:
+        self.search.tell(words)
+
+    def _cancelled(self) -> bool:
+        return self.search.cancelled()
