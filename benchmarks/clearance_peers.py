@@ -34,6 +34,7 @@ GUIDED, UNGUIDED = scissor(5), scissor(5, angle_rad=0.6, guided=False)
 ONE = ["top1"]
 TIP = ("a4", np.array([0.5 * LENGTH_M, 0.0, 0.0]))
 STIFFER = 4.0
+ALIKE = ("half step", "4x stiffness", "play + 0.1%")
 NUDGE = 1.001  # of the play: what no drawing and no calliper tells
 
 
@@ -45,7 +46,7 @@ class Case:
     pins: list[str] | None
     parameters: dict[str, Any]
     engines: tuple[str, ...] = ("ours", "Exudyn", "MuJoCo")
-    variants: tuple[str, ...] = field(default=("half step", "4x stiffness", "play + 0.1%"))
+    variants: tuple[str, ...] = field(default=ALIKE)
     linkage: Mechanism = GUIDED
 
 
@@ -58,7 +59,13 @@ CASES = (
     Case("one pin 1 mm, 2e5 N/m", ONE, {"radial_m": 1e-3, "stiffness_n_per_m": 2e5}),
     Case("one pin 1 mm, restitution 0.8", ONE, {"radial_m": 1e-3, "restitution": 0.8}),
     *(
-        Case(f"one pin 1 mm, friction {mu:g}", ONE, {"radial_m": 1e-3, "friction_coefficient": mu}, ("ours", "Exudyn"))
+        Case(
+            f"one pin 1 mm, friction {mu:g}",
+            ONE,
+            {"radial_m": 1e-3, "friction_coefficient": mu},
+            ("ours", "Exudyn"),
+            (*ALIKE, "2x damping"),
+        )
         for mu in (0.1, 0.3)
     ),
     *(
@@ -66,7 +73,7 @@ CASES = (
             f"one pin 1 mm, friction {mu:g}, 1e6 N/m",
             ONE,
             {"radial_m": 1e-3, "friction_coefficient": mu, "stiffness_n_per_m": 1e6},
-            variants=("half step",),
+            variants=("half step", "2x damping"),
         )
         for mu in (0.1, 0.3)
     ),
@@ -91,27 +98,27 @@ def tip_path(motion: Any, every: int = 1) -> np.ndarray:
     return (motion.position_m[body] + rotation_matrix(motion.quaternion_wxyz[body]) @ p)[::every]
 
 
-def ours(case: Case, step_s: float, stiffer: float, wider: float) -> np.ndarray:
-    """A rigid wall of ours has no stiffness to raise."""
+def ours(case: Case, step_s: float, stiffer: float, wider: float, dead: float) -> np.ndarray:
+    """A rigid wall of ours has no stiffness to raise, and none has a damper."""
     run = simulate(parse_mechanism(drawn(case, stiffer, wider)), DURATION_S, step_s)
     if not run.done:
         raise RuntimeError(run.result)
     return tip_path(run, round(SEEN_S / step_s))
 
 
-def exudyn(case: Case, step_s: float, stiffer: float, wider: float) -> np.ndarray:
-    walls = Walls(rigid_stiffness=stiffer * Walls.rigid_stiffness)
+def exudyn(case: Case, step_s: float, stiffer: float, wider: float, dead: float) -> np.ndarray:
+    walls = Walls(stiffer * Walls.rigid_stiffness, dead * Walls.damping_ratio, dead * Walls.soft_damping_ratio)
     document = drawn(case, stiffer, wider)
     return tip_path(simulate_exudyn(document, DURATION_S, step_s, output_step_s=SEEN_S, walls=walls))
 
 
-def mujoco(case: Case, step_s: float, stiffer: float, wider: float) -> np.ndarray:
+def mujoco(case: Case, step_s: float, stiffer: float, wider: float, dead: float) -> np.ndarray:
     rate = np.sqrt(stiffer) / (6.0 * STEP_S["MuJoCo"])
     document = drawn(case, stiffer, wider)
     return tip_path(simulate_mujoco(document, DURATION_S, step_s, output_step_s=SEEN_S, wall_rate_per_s=rate))
 
 
-ENGINES: dict[str, Callable[[Case, float, float, float], np.ndarray]] = {
+ENGINES: dict[str, Callable[[Case, float, float, float, float], np.ndarray]] = {
     "ours": ours,
     "Exudyn": exudyn,
     "MuJoCo": mujoco,
@@ -135,16 +142,21 @@ def differences(a: np.ndarray, b: np.ndarray, rigid: np.ndarray) -> str:
     return " | ".join(f"{tip_difference(a, b, rigid, until):6.2%}" for until in UNTIL_S)
 
 
-def variants(case: Case, engine: str) -> Iterator[tuple[str, float, float, float]]:
-    """(name, step, stiffness, play), the latter two as factors."""
+def variants(case: Case, engine: str) -> Iterator[tuple[str, float, float, float, float]]:
+    """(name, step, stiffness, play, damping of a dead blow), the latter three as factors."""
     step_s = STEP_S[engine]
     every = {
-        "half step": (0.5 * step_s, 1.0, 1.0),
-        "4x stiffness": (step_s, STIFFER, 1.0),
-        "play + 0.1%": (step_s, 1.0, NUDGE),
+        "half step": (0.5 * step_s, 1.0, 1.0, 1.0),
+        "4x stiffness": (step_s, STIFFER, 1.0, 1.0),
+        "play + 0.1%": (step_s, 1.0, NUDGE, 1.0),
+        "2x damping": (step_s, 1.0, 1.0, 2.0),
     }
     for name in case.variants:
-        if name != "4x stiffness" or engine != "ours" or "stiffness_n_per_m" in case.parameters:
+        known = {
+            "4x stiffness": engine != "ours" or "stiffness_n_per_m" in case.parameters,
+            "2x damping": engine == "Exudyn",
+        }
+        if known.get(name, True):
             yield (name, *every[name])
 
 
@@ -153,7 +165,7 @@ def compare(case: Case, rigid: np.ndarray) -> None:
     seen: dict[str, np.ndarray] = {}
     for engine in case.engines:
         run, begin = ENGINES[engine], time.process_time()
-        seen[engine] = run(case, STEP_S[engine], 1.0, 1.0)
+        seen[engine] = run(case, STEP_S[engine], 1.0, 1.0, 1.0)
         spent = time.process_time() - begin
         off = 1e3 * np.sqrt(((seen[engine] - rigid) ** 2).sum(1).mean())
         print(f"{case.name:<34} {engine:<7} tip {off:6.2f} mm off rigid ({spent:.0f} s)", flush=True)
