@@ -160,7 +160,15 @@ def test_a_step_of_zero_is_refused(drawing):
     assert "positive" in done.stderr
 
 
-def test_ctrl_c_asks_the_work_to_end_and_the_second_one_ends_it(capsys):
+@pytest.fixture
+def python_s_own_ctrl_c():
+    """A shell's background jobs begin with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_asks_the_work_to_end_and_the_second_one_ends_it(capsys, python_s_own_ctrl_c):
     with stoppable() as stopped:
         assert not stopped()
         signal.raise_signal(signal.SIGINT)

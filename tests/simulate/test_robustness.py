@@ -46,15 +46,15 @@ def test_a_motion_that_ends_early_is_the_first_part_of_the_whole_with_its_slopes
     model = build(double_pendulum([effect("f", "viscous_friction", ["elbow"])]))
 
     def path(damping, until):
-        plant = system(model.with_parameters({("f", "damping_n_m_s_per_rad"): damping}))
+        plant = system(model.with_parameters({("f", "damping_n_m_s_per_rad"): damping}), 1e-13)
         return rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, STEPS, None, 0, until).q
 
     whole, early = (
         jax.jvp(lambda d, u=u: path(d, u), (np.array(1e-3),), (np.array(1.0),)) for u in (None, np.array(120))
     )
     for long, short in zip(whole, early, strict=True):
-        # Two programs, each with its own rounding.
-        np.testing.assert_allclose(short[:121], long[:121], rtol=0, atol=1e-12 * np.abs(long[:121]).max())
+        # Two programs, each with its own rounding, which this pendulum's slopes raise a millionfold on their way to 50.
+        np.testing.assert_allclose(short[:121], long[:121], rtol=0, atol=1e-9 * np.abs(long[:121]).max())
         np.testing.assert_array_equal(short[121:], np.broadcast_to(short[120], short[121:].shape))
     assert np.abs(early[1]).max() > 1e-3
 
