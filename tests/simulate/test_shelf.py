@@ -6,7 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from backend.model.build import build
+from backend.model.state import drawn_pose
+from backend.model.system import system
+from backend.simulate.assemble import let_go
+from backend.simulate.rollout import rollout
 from backend.simulate.shelf import SUFFIX, Shelved
+from tests.mechanisms import effect, fourbar
 
 
 class Thing(eqx.Module):
@@ -97,3 +103,19 @@ def test_inside_another_transformation_it_is_an_ordinary_function(folder):
     shelved = Shelved(function, ["power"])
     slope = jax.vmap(jax.grad(lambda x: shelved(Thing(jnp.ones(()), "crank", ()), 2, x)[0]))(X)
     np.testing.assert_allclose(slope, np.sin(2 * X), atol=1e-15)
+
+
+def test_a_motion_and_its_slope_are_kept_with_the_compiled_kernel_in_them(folder):
+    model = build(fourbar([effect("v", "viscous_friction", "all", damping_n_m_s_per_rad=1e-4)]))
+
+    def slope(damping):
+        def end(damping):
+            plant = system(model.with_parameters({("v", "damping_n_m_s_per_rad"): damping}))
+            return rollout(plant, let_go(plant, drawn_pose(model, plant)), 1e-3, 5).q[-1]
+
+        return jax.jvp(end, (damping,), (jnp.ones(()),))
+
+    kept = Shelved(slope)(jnp.array(1e-4))
+    assert len(list(folder.glob(f"*{SUFFIX}"))) == 1
+    for one, other in zip(kept, jax.jit(slope)(jnp.array(1e-4)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)

@@ -15,6 +15,8 @@ from backend.simulate.kernel.build import library
 SWITCH = "LINKTWIN_KERNEL"
 FACTOR, SOLVE = "linktwin_block_tridiagonal_factor", "linktwin_block_tridiagonal_solve"
 ROWS = "linktwin_joint_rows"
+TARGETS = {FACTOR: "BlockTridiagonalFactor", SOLVE: "BlockTridiagonalSolve", ROWS: "JointRows"}
+"""Names for JAX, and of the functions in the library."""
 
 
 def available() -> bool:
@@ -33,13 +35,8 @@ def _loaded() -> bool:
         symbols = ctypes.cdll.LoadLibrary(str(found))
     except OSError:
         return False
-    handlers = {
-        FACTOR: symbols.BlockTridiagonalFactor,
-        SOLVE: symbols.BlockTridiagonalSolve,
-        ROWS: symbols.JointRows,
-    }
-    for name, symbol in handlers.items():
-        jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(symbol), platform="cpu")
+    for name, symbol in TARGETS.items():
+        jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(getattr(symbols, symbol)), platform="cpu")
     return True
 
 
