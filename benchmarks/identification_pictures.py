@@ -82,6 +82,7 @@ def draw(
     errors.set(
         xlabel="time since the release, ms", ylabel="mm off Exudyn's motion", title="20 markers: mean, 10% to 90%"
     )
+    errors.set_ylim(1e-3, 30.0)
     errors.legend(fontsize=8)
     for axes, time_s, title in zip(stages, SHOWN_S, list(places)[2:], strict=True):
         axes.plot(*(1e3 * noisy[int(np.argmin(np.abs(times - time_s)))].T), "k.", ms=4)
