@@ -1,4 +1,4 @@
-"""`linktwin serve`: one web process and N workers, started again whenever one dies."""
+"""`linktwin serve`: one web process and N workers, started again whenever one dies or falls silent."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import FrameType
 
+from backend.service.pulse import Pulse
 from backend.service.settings import Settings
 
 QUICK_S = 3.0  # a process that dies sooner after its start is started again more slowly each time
@@ -23,25 +24,32 @@ SLOWEST_S = 15.0
 class Kept:
     """A process that is kept alive.  start: begins it under a name of its own; died: told the name after its end."""
 
-    start: Callable[[str], subprocess.Popen]
+    start: Callable[[str, Pulse], subprocess.Popen]
+    dead_after_s: float
     died: Callable[[str], None] = lambda name: None
     name: str = ""
     process: subprocess.Popen | None = None
+    pulse: Pulse | None = None
     began: float = 0.0
     quick: int = field(default=0)
 
     def look(self) -> None:
-        """Start it, or start it again."""
+        """Start it, or start it again; end it where it has been silent for too long."""
         now = time.monotonic()
-        if self.process is not None and self.process.poll() is None:
-            return
-        if self.process is not None:
+        if self.process is not None and self.pulse is not None:
+            if self.process.poll() is None:
+                if self.pulse.silent_s() < self.dead_after_s:
+                    return
+                self.process.kill()
+                self.process.wait()
+            self.pulse.close()
             self.died(self.name)
             self.quick = self.quick + 1 if now - self.began < QUICK_S else 0
             self.process = None
         if now >= self.began + min(SLOWEST_S, 2.0 ** (self.quick - 1) if self.quick else 0.0):
-            self.name, self.began = str(uuid.uuid4()), now
-            self.process = self.start(self.name)
+            self.name, self.began, self.pulse = str(uuid.uuid4()), now, Pulse.open()
+            self.process = self.start(self.name, self.pulse)
+            os.close(self.pulse.writing)
 
 
 def supervise(settings: Settings) -> None:
@@ -55,15 +63,20 @@ def supervise(settings: Settings) -> None:
     here, port = str(os.getpid()), listening.getsockname()[1]
     environment = {**os.environ, **settings.model_copy(update={"port": port}).environment()}
 
-    def web(name: str) -> subprocess.Popen:
-        command = [sys.executable, "-m", "backend.service.web", here, str(listening.fileno())]
-        return subprocess.Popen(command, env=environment, pass_fds=[listening.fileno()], start_new_session=True)
+    def begin(module: str, *words: str, files: tuple[int, ...]) -> subprocess.Popen:
+        command = [sys.executable, "-m", module, here, *words]
+        return subprocess.Popen(command, env=environment, pass_fds=files, start_new_session=True)
 
-    def worker(name: str) -> subprocess.Popen:
-        command = [sys.executable, "-m", "backend.service.jobs", here, name]
-        return subprocess.Popen(command, env=environment, start_new_session=True)
+    def web(name: str, pulse: Pulse) -> subprocess.Popen:
+        files = (pulse.writing, listening.fileno())
+        return begin("backend.service.web", *(str(file) for file in files), files=files)
 
-    kept = [Kept(web), *(Kept(worker, lambda name: _bury(settings, name)) for _ in range(settings.workers))]
+    def worker(name: str, pulse: Pulse) -> subprocess.Popen:
+        return begin("backend.service.jobs", str(pulse.writing), name, files=(pulse.writing,))
+
+    silence = settings.dead_after_s
+    workers = [Kept(worker, silence, lambda name: _bury(settings, name)) for _ in range(settings.workers)]
+    kept = [Kept(web, silence), *workers]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     print(f"serving   http://{host}:{port}\ndata      {settings.data_folder.resolve()}", flush=True)
     ended = _told_to_end()

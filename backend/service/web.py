@@ -12,16 +12,18 @@ from backend.service.app import create_app
 from backend.service.jobs.child import tie_to
 from backend.service.logs import logger, write_logs
 from backend.service.page.late import mount_late
+from backend.service.pulse import beat
 from backend.service.service import open_service
 from backend.service.settings import Settings
 
 
 def main() -> None:
-    """PARENT SOCKET: answer on a socket that the parent listens on, and end with it."""
-    parent, descriptor = (int(word) for word in sys.argv[1:3])
+    """PARENT PULSE SOCKET: answer on a socket that the parent listens on, and end with it."""
+    parent, pulse, descriptor = (int(word) for word in sys.argv[1:4])
     tie_to(parent)
     write_logs()
     settings = Settings()
+    beat(pulse, settings.heartbeat_s)
     service = open_service(settings)
     tempfile.tempdir = str(settings.scratch)  # parts of forms are spooled where uploads are
     app = create_app(service)

@@ -2,7 +2,9 @@
 
 import os
 import signal
+import sqlite3
 import time
+from contextlib import closing
 from pathlib import Path
 
 import httpx
@@ -121,16 +123,31 @@ def test_a_process_that_is_killed_from_outside_is_begun_again(served, drawing):
     assert (job["state"], job["attempt"]) == ("succeeded", 2)
 
 
-def test_a_worker_that_slept_too_long_is_taken_for_dead_and_cannot_speak_twice(served, drawing):
+def test_a_worker_that_is_stopped_is_ended_and_another_takes_its_job(served, drawing):
     id = served.start(drawing, duration_s=15.0)
-    served.running(id)
-    workers = served.processes("backend.service.jobs")
-    process = int((served.folder / "ledger").read_text().splitlines()[-1].split()[2])
-    leash = next(pid for pid in workers if process in _children(pid))
-    os.kill(leash, signal.SIGSTOP)
+    worker = _worker_of(served, id)
+    os.kill(worker, signal.SIGSTOP)  # perhaps with the records' lock in its hands
     until("another worker takes the job", lambda: served.job(id)["attempt"] == 2)
-    os.kill(leash, signal.SIGCONT)
-    until("the late worker ends itself", lambda: not _runs(leash))
+    until("its process is ended", lambda: not _runs(worker))
+    _ended_well(served, id)
+
+
+def test_a_worker_taken_for_dead_ends_itself_and_cannot_speak_twice(served, drawing):
+    id = served.start(drawing, duration_s=5.0)
+    worker = _worker_of(served, id)
+    with closing(sqlite3.connect(served.folder / "data" / "records.sqlite", timeout=30)) as records, records:
+        records.execute("UPDATE worker SET ended = ? WHERE pid = ?", (time.time(), worker))
+    until("it ends itself", lambda: not _runs(worker))
+    _ended_well(served, id)
+
+
+def _worker_of(served: Served, id: str) -> int:
+    served.running(id)
+    process = int((served.folder / "ledger").read_text().splitlines()[-1].split()[2])
+    return next(pid for pid in served.processes("backend.service.jobs") if process in _children(pid))
+
+
+def _ended_well(served: Served, id: str) -> None:
     job = served.finished(id)
     assert (job["state"], job["attempt"]) == ("succeeded", 2)
     files = served.client.get(f"/api/v1/jobs/{id}/files").json()

@@ -1,4 +1,4 @@
-"""`python -m backend.service.jobs PARENT NAME`: a worker.
+"""`python -m backend.service.jobs PARENT PULSE NAME`: a worker.
 
 Apart from worker.py, which as a script would register its workflows a second time, under another module's name.
 """

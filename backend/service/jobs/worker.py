@@ -19,6 +19,7 @@ from backend.service.jobs.child import tie_to
 from backend.service.jobs.holding import alive
 from backend.service.jobs.work import carry_out
 from backend.service.logs import logger, write_logs
+from backend.service.pulse import beat
 from backend.service.records import Job, Worker
 from backend.service.retention import tidy_up
 from backend.service.service import Service, open_service
@@ -195,8 +196,11 @@ def gone_from_here(worker: Worker) -> bool:
 
 
 def main() -> None:
-    """PARENT NAME: work for the service that the environment describes, and end with that process."""
+    """PARENT PULSE NAME: work for the service that the environment describes, and end with that process."""
     global _self
+    parent, pulse, name = sys.argv[1:4]
     write_logs()
-    _self = WorkerProcess(open_service(Settings()), sys.argv[2])
-    _self.run(int(sys.argv[1]))
+    settings = Settings()
+    beat(int(pulse), settings.heartbeat_s)
+    _self = WorkerProcess(open_service(settings), name)
+    _self.run(int(parent))
