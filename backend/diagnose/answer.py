@@ -20,4 +20,8 @@ def answer(study: Path, without: frozenset[str] = frozenset()) -> dict[str, Any]
     from backend.diagnose.run import diagnose_study
     from backend.mechanism.read import read_study
 
-    return json.loads(diagnose_study(read_study(study), without=without).report.model_dump_json())
+    try:
+        return json.loads(diagnose_study(read_study(study), without=without).report.model_dump_json())
+    finally:
+        # A study's programs take up to 20 000 memory maps, and Linux gives a process 65 530: the fourth would crash.
+        jax.clear_caches()

@@ -42,6 +42,8 @@ class Reach(NamedTuple):
     """Contact coordinates at q_k."""
     back: Float[Array, "walls"]
     """Gap one step back."""
+    deep: Float[Array, "walls"]
+    """How deep a part may be in the wall one step ahead: e g⁻, or more where more would give back too much."""
     step_s: Float[Array, ""]
     span_s: Float[Array, ""]
     """From the node before to the node ahead."""
@@ -245,7 +247,7 @@ def _limit(contacts: JointContacts, reach: Reach, push: Push) -> Float[Array, "w
 def _slack(contacts: JointContacts, reach: Reach, at: Face, push: Push) -> tuple[Array, Array, Array, Array]:
     """Weighted gap, d(closing speed)/d(η along the normal), give per impulse, and its slope in the closing speed."""
     e = reach.restitution
-    gap = (at.gap + e * reach.back) / (1.0 + e)
+    gap = (at.gap + reach.deep) / (1.0 + e)
     closing = (reach.back - at.gap) / reach.span_s
     sharp = jnp.sqrt(closing**2 + reach.creep**2)
     lost = (1.0 - e * e) / (1.0 + e * e)

@@ -18,6 +18,7 @@ from backend.model.state import Pose
 from backend.model.system import STICK_RATE, System
 from backend.simulate import contact, forces, kinematics, law, linear, meeting
 from backend.simulate.contact import Reach
+from backend.simulate.giving import Bounds
 from backend.simulate.law import Drive, Impulses
 from backend.simulate.momentum import BodyRows, momentum, momentum_slope
 from backend.simulate.small import apply, apply_transposed
@@ -50,6 +51,8 @@ class Motion(eqx.Module):
     parting: Float[Array, "places"]
     """Rate of the gaps between links in the step before."""
     impulses: Impulses
+    taken: Bounds
+    """What walls have taken by now [J]."""
 
 
 class Unknowns(NamedTuple):
@@ -104,13 +107,19 @@ class Linearised(NamedTuple):
 
 
 def frame(
-    system: System, motion: Motion, step_s: float | Array, target: Float[Array, "joints"], blur: float | Array = 1.0
+    system: System,
+    motion: Motion,
+    step_s: float | Array,
+    target: Float[Array, "joints"],
+    most: Bounds,
+    blur: float | Array = 1.0,
 ) -> Frame:
     """Evaluate forces and directions at q_k.
 
-    target: q that driven joints must reach.  blur: factor on the rate below which friction holds.  Above 1, for steps
-    that are cut because they have no solution or none was found, walls push along their normal at q_{k+1} and give
-    nothing back; above `contact.LAGGING` friction's limit and direction are those of q_k: a convex problem is left.
+    target: q that driven joints must reach.  most: largest gaps that walls may ask for one step ahead [m].
+    blur: factor on the rate below which friction holds.  Above 1, for steps that are cut because they have no solution
+    or none was found, walls push along their normal at q_{k+1} and give nothing back; above `contact.LAGGING`
+    friction's limit and direction are those of q_k: a convex problem is left.
     """
     bodies, rows = motion.bodies, motion.rows
     _, strut_slope = forces.strut_lines(system, bodies)
@@ -125,7 +134,7 @@ def frame(
         motion.rate,
         motion.q,
         jnp.where(system.is_driven, target - motion.q, 0.0),
-        _reach(system, motion, rows, step_s, weight, blur),
+        _reach(system, motion, rows, step_s, weight, most.walls, blur),
     )
     return Frame(
         step_s,
@@ -139,7 +148,9 @@ def frame(
         motion.velocity,
         motion.lengthening,
         drive,
-        meeting.meet(system, bodies, motion.parting, motion.impulses.touches.normal, step_s, weight, blur),
+        meeting.meet(
+            system, bodies, motion.parting, motion.impulses.touches.normal, step_s, weight, most.touches, blur
+        ),
     )
 
 
@@ -162,6 +173,7 @@ def _reach(
     rows: kinematics.Rows,
     step_s: float | Array,
     weight: Array,
+    most: Float[Array, "walls"],
     blur: float | Array,
 ) -> Reach:
     """What the walls see of q_k; an end of travel counts from where the coordinate is."""
@@ -189,6 +201,7 @@ def _reach(
         room=room,
         here=here,
         back=back,
+        deep=jnp.maximum(e * back, -most),
         step_s=step,
         span_s=2 * step,
         weight_s=weight,

@@ -51,9 +51,13 @@ def meet(
     pushed: Float[Array, "places"],
     step_s: float | Array,
     weight: Array,
+    most: Float[Array, "places"],
     blur: float | Array,
 ) -> Meeting:
-    """Look at the bodies at q_k.  parting, pushed: rate of the gaps and what the places carried in the step before."""
+    """Look at the bodies at q_k.
+
+    parting, pushed: rate of the gaps and what the places carried in the step before; most: gaps that they may ask for.
+    """
     step, scale = jnp.asarray(step_s), system.scale
     stick = step * blur * STICK_RATE * scale.length_m
     near = touch.near(system, bodies)
@@ -62,11 +66,13 @@ def meet(
     back = near.gap - step * parting
     sticks = stick * jnp.ones_like(near.gap)
     walls = touch.walls(system)
+    e = jnp.where(blur > 1.0, 0.0, walls.restitution)
     ease = step * kinematics.ease(system, near.rows[:, :1], _places(system)) + walls.give / jnp.maximum(weight, 1e-300)
     reach = Reach(
         room=near.gap,
         here=none,
         back=back,
+        deep=jnp.maximum(e * back, -most),
         step_s=step,
         span_s=2 * step,
         weight_s=weight,
@@ -74,7 +80,7 @@ def meet(
         creep=contact.CREEP * fall,
         ease=ease,
         stride=jnp.zeros(()),
-        restitution=jnp.where(blur > 1.0, 0.0, walls.restitution),
+        restitution=e,
         load=pushed,
         lagging=jnp.asarray(blur > contact.LAGGING),
     )

@@ -10,9 +10,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.state import Pose, Start
 from backend.model.system import System
-from backend.simulate import contact, forces, kinematics, law, meeting, touch
+from backend.simulate import contact, forces, giving, kinematics, law, meeting, touch
 from backend.simulate.contact import Push
 from backend.simulate.equations import Motion, lengthening
+from backend.simulate.giving import Bounds
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
 from backend.simulate.record import Record
@@ -21,6 +22,7 @@ from backend.simulate.step import SOLUTION, Solved, step
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
 BLUR = 10.0  # per cut, on the rate below which friction holds: where sticking is undecided, 1 µm of creep decides
 BLURRED = 6  # cuts after which it grows no more
+PAYMENTS = 4  # times a step is made again because a wall gave back more than it had taken
 UNSOLVED = 10.0  # times the tolerance: a step that leaves more is cut in two
 
 
@@ -71,10 +73,13 @@ def depart(system: System, start: Start) -> Motion:
         opening=_opening(system, rows.value, rates),
         parting=meeting.partings(
             system,
-            meeting.meet(system, bodies, jnp.zeros(places), jnp.zeros(places), 0.0, jnp.zeros(()), 1.0),
+            meeting.meet(
+                system, bodies, jnp.zeros(places), jnp.zeros(places), 0.0, jnp.zeros(()), jnp.full(places, jnp.inf), 1.0
+            ),
             start.velocity,
         ),
         impulses=Impulses(jnp.zeros((joints, 6)), _idle(walls), _idle(places), jnp.zeros((system.pads.count, 2))),
+        taken=Bounds(jnp.zeros(walls), jnp.zeros(places)),
     )
 
 
@@ -157,7 +162,7 @@ def march(
         if halvings:
             after, gone, seen = _cut_step(acting, motion, lost, step_s, halvings)
         else:
-            after, solved = _frugal_step(acting, motion, step_s, _targets(acting))
+            after, solved, _ = _frugal_step(acting, motion, step_s, _targets(acting), _unbounded(acting))
             gone = lost | _failed(solved, LOST)
             seen = _node(motion, after, solved, step_s, gone)
         kept = jax.tree.map(lambda old, new: jnp.where(gone, old, new), motion, after)
@@ -193,13 +198,17 @@ class _Attempt(NamedTuple):
     cuts: Array
     gone: Array
     node: Seen
+    most: Bounds
+    """Gaps that walls may ask for in the step to come."""
+    payments: Array
+    """How often that was bounded anew."""
 
 
 def _cut_step(
     system: System, motion: Motion, lost: Array, step_s: float | Array, halvings: int
 ) -> tuple[Motion, Array, Seen]:
-    """One step, in as many pieces as Newton's method needs."""
-    target = _targets(system)
+    """One step, in as many pieces as Newton's method needs, and such that no wall gives back more than it took."""
+    target, unbounded = _targets(system), _unbounded(system)
 
     def unfinished(now: _Attempt) -> Array:
         return (now.done < 1.0) & ~now.gone
@@ -207,23 +216,28 @@ def _cut_step(
     def attempt(now: _Attempt) -> _Attempt:
         share = 0.5**now.cuts
         along = motion.q + (now.done + share) * (target - motion.q)
-        after, solved = step(system, now.motion, share * step_s, along, BLUR ** jnp.minimum(now.cuts, BLURRED))
+        blur = BLUR ** jnp.minimum(now.cuts, BLURRED)
+        after, solved, asked = step(system, now.motion, share * step_s, along, now.most, blur)
         last = now.cuts == halvings
         failed = _failed(solved, jnp.where(last, LOST, UNSOLVED * system.tolerance))
         node = _node(now.motion, after, solved, share * step_s, now.gone)
-        first = ~failed & (now.done == 0.0)
+        overdrawn = ~failed & asked.any_finite() & (now.payments < PAYMENTS)
+        again = failed | overdrawn
+        first = ~again & (now.done == 0.0)
         node = jax.tree.map(lambda old, new: jnp.where(first, new, old), now.node, node)
         node = node._replace(
             iterations=now.node.iterations + solved.iterations,
-            error=jnp.where(failed & ~last, now.node.error, jnp.fmax(now.node.error, solved.error)),
+            error=jnp.where(again & ~last, now.node.error, jnp.fmax(now.node.error, solved.error)),
             halvings=jnp.maximum(now.node.halvings, now.cuts),
         )
         return _Attempt(
-            jax.tree.map(lambda old, new: jnp.where(failed, old, new), now.motion, after),
-            jnp.where(failed, now.done, now.done + share),
+            jax.tree.map(lambda old, new: jnp.where(again, old, new), now.motion, after),
+            jnp.where(again, now.done, now.done + share),
             jnp.where(failed & ~last, now.cuts + 1, now.cuts),
             failed & last,
             node,
+            jax.tree.map(lambda less, all_: jnp.where(overdrawn, less, all_), now.most.least(asked), unbounded),
+            jnp.where(overdrawn, now.payments + 1, 0),
         )
 
     joints, walls, places = len(system.coordinate), system.contacts.count, touch.PLACES * system.touches.count
@@ -231,8 +245,13 @@ def _cut_step(
     still, rows = jnp.zeros_like(motion.velocity), jnp.zeros((joints, 6))
     loads = jnp.zeros(walls), jnp.zeros(places)
     node = Seen(motion.pose, still, motion.q, jnp.zeros(joints), rows, *loads, count, none, lost, count)
-    end = lax.while_loop(unfinished, attempt, _Attempt(motion, none, count, lost, node))
+    begin = _Attempt(motion, none, count, lost, node, unbounded, count)
+    end = lax.while_loop(unfinished, attempt, begin)
     return end.motion, end.gone, end.node
+
+
+def _unbounded(system: System) -> Bounds:
+    return giving.none(system.contacts.count, touch.PLACES * system.touches.count)
 
 
 def _failed(solved: Solved, bound: float | Array) -> Array:

@@ -9,7 +9,7 @@ from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.system import TOLERANCE, System
-from backend.simulate import contact, kinematics, law, meeting, touch
+from backend.simulate import contact, giving, kinematics, law, meeting, touch
 from backend.simulate.contact import Push, Reach
 from backend.simulate.equations import (
     Frame,
@@ -24,6 +24,7 @@ from backend.simulate.equations import (
     linearise,
     softened,
 )
+from backend.simulate.giving import Bounds
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows, momentum
 
@@ -202,18 +203,21 @@ def step(
     motion: Motion,
     step_s: float | Array,
     target: Float[Array, "joints"],
+    most: Bounds,
     blur: float | Array = 1.0,
-) -> tuple[Motion, Solved]:
+) -> tuple[Motion, Solved, Bounds]:
     """Advance one time step: move freely, close the joints, respect friction and walls.
 
-    blur: factor on the rate below which friction holds; above 1 the step also leans on what is known at q_k, see
-    `frame`.
+    most: largest gaps that walls may ask for; returned is what they may ask for where they gave back too much.  blur:
+    factor on the rate below which friction holds; above 1 the step also leans on what is known at q_k, see `frame`.
     """
-    at = frame(system, motion, step_s, target, blur)
+    at = frame(system, motion, step_s, target, most, blur)
     solved = close(system, at, _guess(system, at, motion))
     (xi, impulses), there = solved.unknowns, solved.there
     q = kinematics.unwrap(system, kinematics.coordinates(system, there.bodies), motion.q)
     velocity = xi / step_s
+    rate = Bounds(_opening(system, at, there.moved), meeting.partings(system, at.meeting, velocity))
+    took, asked = _accounts(system, at, motion, impulses, rate)
     after = Motion(
         pose=at.pose.advance(xi),
         bodies=there.bodies,
@@ -226,11 +230,24 @@ def step(
         q=q,
         rate=law.displacement(system, there.moved) / step_s,
         lengthening=lengthening(system, at.strut_slope, xi) / step_s,
-        opening=_opening(system, at, there.moved),
-        parting=meeting.partings(system, at.meeting, velocity),
+        opening=rate.walls,
+        parting=rate.touches,
         impulses=jax.tree.map(lax.stop_gradient, impulses),
+        taken=took,
     )
-    return after, solved
+    return after, solved, asked
+
+
+def _accounts(system: System, at: Frame, motion: Motion, impulses: Impulses, rate: Bounds) -> tuple[Bounds, Bounds]:
+    """What walls have taken after the step, and what they may ask for instead."""
+    inside, between = at.drive.reach, at.meeting.reach
+    gap, room = contact.gap(system.contacts, inside.room, inside.here), between.room
+    ahead = Bounds(gap + at.step_s * rate.walls, room + at.step_s * rate.touches)
+    own, taken, barrier = (motion.opening, rate.walls), motion.taken, system.barrier
+    walls = giving.account(inside, impulses.walls, ahead.walls, own, taken.walls, barrier)
+    own = motion.parting, rate.touches
+    touches = giving.account(between, impulses.touches, ahead.touches, own, taken.touches, barrier)
+    return Bounds(walls[0], touches[0]), Bounds(walls[1], touches[1])
 
 
 def _opening(system: System, at: Frame, there: Float[Array, "joints 6"]) -> Float[Array, "walls"]:
