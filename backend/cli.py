@@ -5,10 +5,6 @@ Rooms are imported inside the commands: `--help` and reading a drawing stay free
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
-from pathlib import Path
-
 import typer
 
 from backend.commands.blind import blind
@@ -26,6 +22,7 @@ from backend.commands.simulate import simulate
 from backend.commands.still import still
 from backend.commands.track import track
 from backend.commands.twin import twin
+from backend.environment import keep_programs, settle
 
 app = typer.Typer(
     name="linktwin",
@@ -44,14 +41,6 @@ for command in (
 
 def main() -> None:
     """Entry point of `linktwin`: float64 and a shelf for compiled programs, then the command."""
-    # Read when jax starts: nothing is imported here.  A program compiled once serves every later command on a
-    # mechanism of the same layout.
-    os.environ.setdefault("JAX_ENABLE_X64", "1")
-    # Threads of small decompositions wait for each other longer than they work: 250 times longer on a busy machine.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    shelf = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "linktwin" / "programs"
-    with suppress(OSError):  # a home that cannot be written costs compile time, nothing else
-        shelf.mkdir(parents=True, exist_ok=True)
-        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(shelf))
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    settle()
+    keep_programs()
     app()

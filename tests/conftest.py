@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from backend.environment import PLAIN_LOOPS
+
 # Read when jax starts, so nothing is imported here: a test of the drawing stays free of jax.
 os.environ["JAX_ENABLE_X64"] = "1"
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 XLA_FLAGS = (
     "--xla_cpu_multi_thread_eigen=false",  # two workers share the cores; threads inside each would only fight
-    # The same arithmetic by passes that end sooner: a program compiles in two thirds of the time.
-    "--xla_cpu_use_fusion_emitters=false",
+    PLAIN_LOOPS,
     "--xla_disable_hlo_passes=while-loop-invariant-code-motion,simplify-while-loops",
 )
 os.environ.setdefault("XLA_FLAGS", " ".join(XLA_FLAGS))

@@ -28,7 +28,9 @@ from backend.simulate.kernel import call as kernel
 
 BACKEND = Path(__file__).resolve().parents[1]
 SUFFIX = ".traced"
+MAPS = Path("/proc/self/maps")
 DIGEST = hashlib.sha256().digest_size
+MOST_MAPS = 20_000  # memory maps of this process; Linux ends one that asks for 65 530, and a program takes thousands
 MOST = 200  # programs kept; those not asked for the longest go first
 OURS = [export.DisabledSafetyCheck.custom_call(name) for name in kernel.TARGETS]
 
@@ -71,6 +73,8 @@ class Shelved:
             name = self._name(tree, fixed, leaves)
         except (pickle.PicklingError, TypeError, AttributeError):
             return None
+        if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
+            jax.clear_caches()  # what is asked for again is read from disk
         path = folder / f"{name}{SUFFIX}"
         if (kept := _read(path)) is None:
             kept = self._trace(tree, fixed, leaves)

@@ -1,0 +1,35 @@
+"""What is read when jax and numpy start: float64, how programs are compiled, where they are kept.
+
+Nothing is imported here, and what the user's environment says already is left as it is.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+# A step is hundreds of small loops; the older of XLA's two ways to compile one takes two thirds of the time, and the
+# loops are a tenth faster.
+PLAIN_LOOPS = "--xla_cpu_use_fusion_emitters=false"
+UNKNOWN = (0, 11)  # jaxlib from which on nobody tried the flag: XLA ends the process at one that it does not know
+
+
+def settle() -> None:
+    """Float64, quick compiling and small decompositions on one thread: waiting for each other takes threads longer."""
+    os.environ.setdefault("JAX_ENABLE_X64", "1")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    flags = os.environ.get("XLA_FLAGS", "")
+    with suppress(PackageNotFoundError, ValueError):
+        if tuple(int(part) for part in version("jaxlib").split(".")[:2]) < UNKNOWN and "fusion_emitters" not in flags:
+            os.environ["XLA_FLAGS"] = f"{flags} {PLAIN_LOOPS}".strip()
+
+
+def keep_programs() -> None:
+    """A program compiled once serves every later command on a mechanism of the same layout."""
+    shelf = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "linktwin" / "programs"
+    with suppress(OSError):  # a home that cannot be written costs compile time, nothing else
+        shelf.mkdir(parents=True, exist_ok=True)
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(shelf))
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
