@@ -82,8 +82,9 @@ def close(system: System, at: Frame, guess: Unknowns) -> Solved:
 
     stages = jnp.where(at.drive.reach.lagging, STAGES, 1)
     one = jnp.ones(())
+    nowhere = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(ahead, system, at, guess.xi))
     begin = _Stage(
-        Solved(guess, ahead(system, at, guess.xi), jnp.asarray(0), jnp.inf * one),
+        Solved(guess, nowhere, jnp.asarray(0), jnp.inf * one),
         one,
         guess,
         SOFTEST * one,
