@@ -14,7 +14,7 @@ import pandas as pd
 from backend.observe.account import summarise, warn_height, warn_marks
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
-from backend.observe.camera_in_clip import camera_in_clip, shared_error
+from backend.observe.camera_in_clip import camera_in_clip
 from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.follow_bed import BedWatch, settle
 from backend.observe.kinematics import kinematics_of
@@ -23,7 +23,7 @@ from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import view_in_picture
 from backend.observe.seen_bed import bed_in_picture
-from backend.observe.shared_error import shared_error_m
+from backend.observe.shared_error import error_of_camera, error_of_marks_m
 from backend.observe.targets import TEXTURE, DotTargets, GivenTargets, TagTargets, Targets, read_targets
 from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
@@ -129,15 +129,18 @@ def track_video(
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
-    some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
-    shared_m = shared_error_m(bed, given, view, seen.px[tuple(some.T)], heights[some[:, 1]], (width_px, height_px))
+    size_px = (width_px, height_px)
+    if given:
+        posed = camera_in_clip(given, bed, list(drawn), seen.px, size_px)
+        shared_m, tolerances = error_of_camera(posed, list(drawn), seen.px, 1 / video.frames_per_s)
+    else:
+        some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
+        shared_m = error_of_marks_m(bed, view, seen.px[tuple(some.T)], heights[some[:, 1]], size_px)
     summary = summarise(video, table, on_pins, view, bed, slope, warnings, shared_m)
     if given and not shaken:  # one pose for the whole clip, from its marks
-        posed = camera_in_clip(given, bed, list(drawn), seen.px, (width_px, height_px))
-        error_m, tolerances = shared_error(posed, list(drawn), seen.px, 1 / video.frames_per_s)
         summary["warnings"] += posed.notes[len(given.notes) :]
+        summary["tolerances"] = tolerances
         write_camera(posed, out / "camera.json")
-        summary |= {"calibration_sd_m": error_m, "tolerances": tolerances}
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
     return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)
