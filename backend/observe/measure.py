@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from backend.observe.account import summarise, warn_height, warn_marks
+from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
 from backend.observe.camera_in_clip import camera_in_clip
@@ -21,7 +22,8 @@ from backend.observe.kinematics import kinematics_of
 from backend.observe.label import drawn_positions
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
-from backend.observe.project import view_in_picture
+from backend.observe.project import AbstractView, view_in_picture
+from backend.observe.readout import dated, readout_of
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.shared_error import error_of_camera, error_of_marks_m
 from backend.observe.targets import TEXTURE, DotTargets, GivenTargets, TagTargets, Targets, read_targets
@@ -123,6 +125,12 @@ def track_video(
             painter.close()
     bed, shaken = settle(bed, watch.result(), seen.times_s, (width_px, height_px))
     view = view_in_picture(bed, width_px, height_px)
+    readout = None
+    if bed.lens and not shaken:
+        bars = known_lengths(mechanism, bed.plane, list(drawn))
+        readout = readout_of(seen.times_s, _on_bed(seen, view, heights), seen.px[..., 1] / (height_px - 1), bars)
+        bed, told = dated(bed, readout)
+        warnings += told
     bodies = [marker.body for marker in mechanism.markers]
     table = place(seen, list(drawn), on_pins.radius_px, view, bed, heights, coast_s, height_px, bodies, shaken)
     if shaken:
@@ -137,6 +145,8 @@ def track_video(
         some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
         shared_m = error_of_marks_m(bed, view, seen.px[tuple(some.T)], heights[some[:, 1]], size_px)
     summary = summarise(video, table, on_pins, view, bed, slope, warnings, shared_m)
+    if readout:
+        summary["readout"] = {"used_s": bed.readout_s, "seen_s": readout.seconds, "sd_s": readout.sd_s}
     if given and not shaken:  # one pose for the whole clip, from its marks
         summary["warnings"] += posed.notes[len(given.notes) :]
         summary["tolerances"] = tolerances
@@ -152,6 +162,14 @@ def _read_clicks(clicks: Mapping[str, Sequence[float]] | str | Path | None) -> d
         return {str(name): (float(at[0]), float(at[1])) for name, at in (given or {}).items()}
     except (OSError, ValueError, TypeError, IndexError, AttributeError, KeyError) as error:
         raise TrackingError(f'Clicks cannot be read ({error}); write {{"marker": [x_px, y_px]}}.') from error
+
+
+def _on_bed(seen: Record, view: AbstractView, heights_m: np.ndarray) -> np.ndarray:
+    """Places [m] (frame, marker, 2) of points called observed, NaN else."""
+    at = np.full(seen.px.shape, np.nan)
+    frame, marker = np.nonzero(seen.status == "observed")
+    at[frame, marker] = view.metres(seen.px[frame, marker], heights_m[marker])
+    return at
 
 
 def _follow(

@@ -13,12 +13,14 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.observe.bars import Bar
+from backend.observe.bed import Bed
 
-LONGEST_S = 0.05
+LONGEST_S = 0.05  # no camera takes longer
 CLEAR = 5.0  # deviations from zero, or from what the bed file says
 WORTH_S = 2e-4  # 0.1 mm at 1 m/s and half a picture apart
 BLOCKS = 16  # of the clip: errors of one block may all be alike, those of two are not
-FEWEST = 40  # pictures of a bar
+ROUNDS, HUBER = 6, 1.5  # of reweighting, and where it begins [robust sd]
+FEWEST = 24  # pictures of a bar
 
 
 @dataclass(frozen=True)
@@ -28,14 +30,25 @@ class Readout:
     seconds: float
     sd_s: float
 
-    @property
-    def clear(self) -> bool:
-        """Whether there is a rolling shutter to speak of."""
-        return CLEAR * self.sd_s < self.seconds < LONGEST_S and self.seconds > WORTH_S
 
-    def contradicts(self, stated_s: float) -> bool:
-        """Whether it is not what a bed file says."""
-        return abs(self.seconds - stated_s) > max(CLEAR * self.sd_s, WORTH_S)
+def dated(bed: Bed, found: Readout | None) -> tuple[Bed, list[str]]:
+    """The bed with the readout to date points by, and what is to be said of it: the file's own, else what was found."""
+    if found is None:
+        return bed, []
+    told = f"{1e3 * found.seconds:.2f} ± {1e3 * found.sd_s:.2f} ms"
+    if "readout_s" in bed.model_fields_set:
+        if abs(found.seconds - bed.readout_s) < max(CLEAR * found.sd_s, WORTH_S):
+            return bed, []
+        return bed, [
+            f"readout_s is given as {1e3 * bed.readout_s:.2f} ms, but bars keep their lengths with {told}. Leave it "
+            "out of the bed file to have points dated by that, or check bed marks and lens."
+        ]
+    if not max(CLEAR * found.sd_s, WORTH_S) < found.seconds < LONGEST_S:
+        return bed, []
+    return bed.model_copy(update={"readout_s": found.seconds}), [
+        f"The camera reads a picture's rows one after another: bars keep their lengths with a readout_s of {told}. "
+        "Points are dated by it; write it into the bed file for other clips at this setting."
+    ]
 
 
 def readout_of(
@@ -53,40 +66,51 @@ def readout_of(
     """
     if len(time_s) < FEWEST:
         return None
-    speed = np.gradient(at_m, time_s, axis=0)
+    near, far = _speed(time_s, at_m, 1), _speed(time_s, at_m, 2)
+    late = row[..., None] - 0.5  # against the middle row, where what bends a path matters least
     block = (np.arange(len(time_s)) * BLOCKS) // len(time_s)
-    score, power, told = np.zeros(BLOCKS), np.zeros(BLOCKS), []
+    score, power, noise, told = np.zeros(BLOCKS), 0.0, 0.0, []
     for bar in bars:
         apart, middle = at_m[:, bar.a] - at_m[:, bar.b], (at_m[:, bar.a] + at_m[:, bar.b]) / 2
         length = np.hypot(*apart.T)
-        late = speed[:, bar.a] * row[:, bar.a, None] - speed[:, bar.b] * row[:, bar.b, None]
-        stretch = np.sum(apart * late, 1) / length
-        known = np.isfinite(stretch)
+        along = [
+            np.sum(apart * (v[:, bar.a] * late[:, bar.a] - v[:, bar.b] * late[:, bar.b]), 1) / length
+            for v in (near, far)
+        ]
+        known = np.isfinite(along).all(0)
         if known.sum() < FEWEST:
             continue
         turn = 2 * np.arctan2(apart[known, 1], apart[known, 0])
-        else_ = np.c_[np.ones(known.sum()), middle[known], np.cos(turn), np.sin(turn)]
-        Q = _span(else_)
-        y, x = (v[known] - Q @ (Q.T @ v[known]) for v in (length, stretch))
-        told.append((block[known], x, y))
+        rest = np.c_[np.ones(known.sum()), middle[known], np.cos(turn), np.sin(turn)]
+        Q = _span(rest)
+        told.append((block[known], *(v[known] - Q @ (Q.T @ v[known]) for v in (length, *along))))
     if not told:
         return None
     seconds = 0.0
-    for _ in range(ROUNDS):  # least squares, far misses counted less (Huber)
-        score[:], power[:], spread = 0.0, 0.0, _spread(told, seconds)
-        for at, x, y in told:
+    for _ in range(ROUNDS):
+        score[:], power, noise, spread = 0.0, 0.0, 0.0, _spread(told, seconds)
+        for at, y, x, z in told:
             left = (y - seconds * x) / spread
             weight = np.minimum(1.0, HUBER / np.maximum(np.abs(left), 1e-12)) / spread**2
-            np.add.at(score, at, weight * x * (y - seconds * x))
-            np.add.at(power, at, weight * x**2)
-        if not power.sum() > 0:
+            np.add.at(score, at, weight * z * (y - seconds * x))
+            power, noise = power + np.sum(weight * z * x), noise + np.sum(weight * z**2)
+        if not power > 0:
             return None
-        seconds += score.sum() / power.sum()
-    free = BLOCKS / (BLOCKS - 1)
-    return Readout(float(seconds), float(np.sqrt(free * np.sum(score**2)) / power.sum()))
+        seconds += score.sum() / power
+    # Sixteen blocks tell their own scatter badly: never less than independent noise gives.
+    return Readout(float(seconds), float(np.sqrt(max(np.sum(score**2) * BLOCKS / (BLOCKS - 1), noise)) / power))
 
 
-ROUNDS, HUBER = 6, 1.5
+def _speed(time_s: np.ndarray, at_m: np.ndarray, step: int) -> np.ndarray:
+    """Central differences over so many pictures each way; NaN at the ends.
+
+    Speeds carry noise, which alone would make the readout too small.  Those of other pictures have other noise: the
+    wider differences serve as instruments for the nearer ones (Reiersøl 1945).
+    """
+    made = np.full(at_m.shape, np.nan)
+    span = time_s[2 * step :] - time_s[: -2 * step]
+    made[step:-step] = (at_m[2 * step :] - at_m[: -2 * step]) / span[:, None, None]
+    return made
 
 
 def _span(columns: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n r"]:
@@ -95,5 +119,5 @@ def _span(columns: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n r"]:
 
 
 def _spread(told: list, seconds: float) -> float:
-    left = np.concatenate([y - seconds * x for _, x, y in told])
+    left = np.concatenate([y - seconds * x for _, y, x, _ in told])
     return max(1.4826 * float(np.median(np.abs(left))), 1e-9)
