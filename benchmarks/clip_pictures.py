@@ -15,11 +15,11 @@ from benchmarks.rendered_clips import score, with_kit
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "video_frames.jpg"
 PIECE, CELL, TITLE_PX, COLUMNS, QUALITY = (720, 360), (540, 270), 22, 2, 74
 SHOWN = {  # frame, and the middle of the piece [px]
-    "scissor": (150, (700, 330)),
+    "scissor": (100, (640, 330)),
     "long shutter": (60, (640, 360)),
     "warm light drifts": (150, (700, 330)),
     "60 a second": (45, (700, 330)),
-    "300 mm card": (110, (540, 300)),
+    "300 mm card": (110, (740, 300)),
     "hand": (150, (700, 330)),
     "stickers": (60, (640, 330)),
     "noise and crf 30": (110, (640, 330)),
@@ -49,7 +49,8 @@ def annotated(clip: Clip) -> np.ndarray:
             cv2.circle(picture, at, 11, COLOURS[status], 2, cv2.LINE_AA)
     for at, name, status in zip(places, shown.marker, shown.status, strict=True):
         near = places[np.argsort(np.hypot(*(places - at).T))[1:5]]
-        _name(picture, str(name), at, at[1] > near[:, 1].mean(), COLOURS[status])
+        below = status == "observed" and at[1] > near[:, 1].mean()
+        _name(picture, str(name), at, below, COLOURS[status])
     title = np.full((TITLE_PX, CELL[0], 3), 255, np.uint8)
     s = score(clip, tracks)
     cv2.putText(title, clip.name, (4, 16), FONT, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
