@@ -13,18 +13,18 @@ from benchmarks.filming.clips import CLIPS, FOLDER, Clip
 from benchmarks.rendered_clips import score, with_kit
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "video_frames.jpg"
-PIECE, CELL, TITLE_PX, COLUMNS, QUALITY = (720, 360), (540, 270), 22, 2, 74
-SHOWN = {  # frame, and the middle of the piece [px]
-    "scissor": (100, (640, 330)),
-    "long shutter": (60, (640, 360)),
-    "warm light drifts": (150, (700, 330)),
-    "60 a second": (45, (700, 330)),
-    "300 mm card": (110, (740, 300)),
-    "hand": (150, (700, 330)),
-    "stickers": (60, (640, 330)),
-    "noise and crf 30": (110, (640, 330)),
-    "shaken": (60, (640, 400)),
-    "tags": (60, (640, 400)),
+CELL, TITLE_PX, COLUMNS, QUALITY = (540, 270), 22, 2, 74
+SHOWN = {  # frame, the middle of the piece and its width [px]
+    "scissor": (100, (640, 330), 720),
+    "long shutter": (60, (640, 360), 720),
+    "warm light drifts": (150, (700, 330), 720),
+    "60 a second": (45, (700, 330), 720),
+    "300 mm card": (110, (740, 300), 720),
+    "hand": (150, (700, 330), 720),
+    "stickers": (60, (640, 330), 720),
+    "noise and crf 30": (110, (640, 330), 720),
+    "shaken": (60, (640, 400), 1280),
+    "tags": (60, (640, 400), 1280),
 }
 COLOURS = {"observed": (40, 150, 40), "outlier": (0, 110, 255), "predicted": (210, 90, 20)}
 FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -32,11 +32,12 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 def annotated(clip: Clip) -> np.ndarray:
     """A piece of one frame with what was found in it, under a title."""
-    number, middle = SHOWN[clip.name]
+    number, middle, wide = SHOWN[clip.name]
+    high = wide * CELL[1] // CELL[0]
     with av.open(str(clip.made())) as container:
         frame = next(p for k, p in enumerate(container.decode(video=0)) if k == number).to_ndarray(format="bgr24")
-    corner = np.clip(np.array(middle) - np.array(PIECE) // 2, 0, np.array(frame.shape[1::-1]) - PIECE)
-    (x, y), (wide, high) = corner, PIECE
+    corner = np.clip(np.array(middle) - np.array([wide, high]) // 2, 0, np.array(frame.shape[1::-1]) - [wide, high])
+    x, y = corner
     picture = cv2.resize(frame[y : y + high, x : x + wide], CELL, interpolation=cv2.INTER_AREA)
     scale = CELL[0] / wide
     tracks = with_kit(clip, FOLDER, coast_s=10.0)
@@ -49,7 +50,7 @@ def annotated(clip: Clip) -> np.ndarray:
             cv2.circle(picture, at, 11, COLOURS[status], 2, cv2.LINE_AA)
     for at, name, status in zip(places, shown.marker, shown.status, strict=True):
         near = places[np.argsort(np.hypot(*(places - at).T))[1:5]]
-        below = status == "observed" and at[1] > near[:, 1].mean()
+        below = status != "outlier" and at[1] > near[:, 1].mean()
         _name(picture, str(name), at, below, COLOURS[status])
     title = np.full((TITLE_PX, CELL[0], 3), 255, np.uint8)
     s = score(clip, tracks)

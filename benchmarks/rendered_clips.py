@@ -118,7 +118,7 @@ WAYS: dict[str, Callable[[Clip, Path], pd.DataFrame]] = {
 
 def row(clip: Clip, way: str, folder: Path = FOLDER) -> str:
     """One line of the table."""
-    if clip.scene.target == "tag" and way != "kit":
+    if clip.scene.target == "tag" and way not in ("kit", "readout found"):
         return f"| {clip.name} | {way} | has no dots | | | | |"
     tracks = WAYS[way](clip, folder)
     s, readout = score(clip, tracks), tracks.attrs.get("readout")

@@ -67,7 +67,7 @@ class Misplaced:
     @classmethod
     def of(cls, data: Measured, model: Model, cameras: Mapping[Path, Eye], source: Path | None) -> Misplaced | None:
         """None where no camera took it."""
-        if source not in cameras:
+        if source is None or source not in cameras:
             return None
         eye, drawn = cameras[source], drawn_markers(model)
         ends = np.cumsum([0, *[other.root.shape[1] for other in cameras.values()]]).tolist()

@@ -67,38 +67,53 @@ def readout_of(
     if len(time_s) < FEWEST:
         return None
     near, far = _speed(time_s, at_m, 1), _speed(time_s, at_m, 2)
+    bend = np.gradient(near, time_s, axis=0)
+    near[~np.isfinite(bend)] = np.nan
     late = row[..., None] - 0.5  # against the middle row, where what bends a path matters least
     block = (np.arange(len(time_s)) * BLOCKS) // len(time_s)
-    score, power, noise, told = np.zeros(BLOCKS), 0.0, 0.0, []
-    for bar in bars:
-        apart, middle = at_m[:, bar.a] - at_m[:, bar.b], (at_m[:, bar.a] + at_m[:, bar.b]) / 2
-        length = np.hypot(*apart.T)
-        along = [
-            np.sum(apart * (v[:, bar.a] * late[:, bar.a] - v[:, bar.b] * late[:, bar.b]), 1) / length
-            for v in (near, far)
-        ]
-        known = np.isfinite(along).all(0)
-        if known.sum() < FEWEST:
-            continue
-        turn = 2 * np.arctan2(apart[known, 1], apart[known, 0])
-        rest = np.c_[np.ones(known.sum()), middle[known], np.cos(turn), np.sin(turn)]
-        Q = _span(rest)
-        told.append((block[known], *(v[known] - Q @ (Q.T @ v[known]) for v in (length, *along))))
+    told = [made for bar in bars if (made := _stretched(bar, at_m, near * late, far * late)) is not None]
     if not told:
         return None
-    seconds = 0.0
+    seconds, score, spread = 0.0, np.zeros(BLOCKS), 1.0
     for _ in range(ROUNDS):
-        score[:], power, noise, spread = 0.0, 0.0, 0.0, _spread(told, seconds)
-        for at, y, x, z in told:
-            left = (y - seconds * x) / spread
-            weight = np.minimum(1.0, HUBER / np.maximum(np.abs(left), 1e-12)) / spread**2
-            np.add.at(score, at, weight * z * (y - seconds * x))
-            power, noise = power + np.sum(weight * z * x), noise + np.sum(weight * z**2)
+        level = at_m - seconds * late * near + 0.5 * (seconds * late) ** 2 * bend
+        left = [s.left(np.hypot(*(level[s.known, s.bar.a] - level[s.known, s.bar.b]).T)) for s in told]
+        spread = max(1.4826 * float(np.median(np.abs(np.concatenate(left)))), 1e-9)
+        score, power, noise = np.zeros(BLOCKS), 0.0, 0.0
+        for s, off in zip(told, left, strict=True):
+            weight = np.minimum(1.0, HUBER * spread / np.maximum(np.abs(off), 1e-15)) / spread**2
+            np.add.at(score, block[s.known], weight * s.far * off)
+            power, noise = power + np.sum(weight * s.far * s.near), noise + np.sum(weight * s.far**2)
         if not power > 0:
             return None
-        seconds += score.sum() / power
+        seconds += float(score.sum()) / power
     # Sixteen blocks tell their own scatter badly: never less than independent noise gives.
     return Readout(float(seconds), float(np.sqrt(max(np.sum(score**2) * BLOCKS / (BLOCKS - 1), noise)) / power))
+
+
+@dataclass(frozen=True)
+class _Stretched:
+    """How a bar's length changes with the readout, by nearer and by wider speeds; `other`: what else may change it."""
+
+    bar: Bar
+    known: np.ndarray
+    near: np.ndarray
+    far: np.ndarray
+    other: np.ndarray
+
+    def left(self, length_m: np.ndarray) -> np.ndarray:
+        return length_m - self.other @ (self.other.T @ length_m)
+
+
+def _stretched(bar: Bar, at_m: np.ndarray, near: np.ndarray, far: np.ndarray) -> _Stretched | None:
+    apart, middle = at_m[:, bar.a] - at_m[:, bar.b], (at_m[:, bar.a] + at_m[:, bar.b]) / 2
+    along = [np.sum(apart * (v[:, bar.a] - v[:, bar.b]), 1) / np.hypot(*apart.T) for v in (near, far)]
+    known = np.flatnonzero(np.isfinite(along).all(0))
+    if known.size < FEWEST:
+        return None
+    turn = 2 * np.arctan2(apart[known, 1], apart[known, 0])
+    other = _span(np.c_[np.ones(known.size), middle[known], np.cos(turn), np.sin(turn)])
+    return _Stretched(bar, known, *(v[known] - other @ (other.T @ v[known]) for v in along), other)
 
 
 def _speed(time_s: np.ndarray, at_m: np.ndarray, step: int) -> np.ndarray:
@@ -118,6 +133,9 @@ def _span(columns: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n r"]:
     return U[:, s > 1e-6 * s[0]]
 
 
-def _spread(told: list, seconds: float) -> float:
-    left = np.concatenate([y - seconds * x for _, y, x, _ in told])
-    return max(1.4826 * float(np.median(np.abs(left))), 1e-9)
+def error_of_readout_m(
+    time_s: Float[np.ndarray, " frame"], at_m: Float[np.ndarray, "frame marker 2"], row: np.ndarray, sd_s: float
+) -> float:
+    """Deviation per axis [m], over all points, of dating them by a readout that is known to so much."""
+    moved = _speed(time_s, at_m, 1) * row[..., None]
+    return sd_s * float(np.sqrt(np.nanmean(moved**2)))
