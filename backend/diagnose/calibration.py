@@ -76,6 +76,8 @@ class Misplaced:
         coordinate = np.array([METRES.index(c.coordinate) if c.coordinate in METRES else -1 for c in data.channels])
         axis = coordinate[data.channel]
         seen = np.flatnonzero(axis >= 0)
+        if not seen.size:
+            return None
         names, index = np.unique(marker[seen], return_inverse=True)
         pairs, pair = np.unique(np.c_[index, data.time_s[seen]], axis=0, return_inverse=True)
         whose = pairs[:, 0].astype(int)

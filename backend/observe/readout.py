@@ -113,7 +113,8 @@ def _stretched(bar: Bar, at_m: np.ndarray, near: np.ndarray, far: np.ndarray) ->
         return None
     turn = 2 * np.arctan2(apart[known, 1], apart[known, 0])
     other = _span(np.c_[np.ones(known.size), middle[known], np.cos(turn), np.sin(turn)])
-    return _Stretched(bar, known, *(v[known] - other @ (other.T @ v[known]) for v in along), other)
+    by_near, by_far = (v[known] - other @ (other.T @ v[known]) for v in along)
+    return _Stretched(bar, known, by_near, by_far, other)
 
 
 def _speed(time_s: np.ndarray, at_m: np.ndarray, step: int) -> np.ndarray:
