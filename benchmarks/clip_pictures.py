@@ -1,6 +1,6 @@
 """The annotated frames of docs/video.md: `python -m benchmarks.clip_pictures` (after benchmarks.rendered_clips).
 
-Green circles are points called observed, orange ones outliers; blue crosses are where hidden dots are predicted.
+One cell a clip: a piece of one frame, every dot with its name in the colour of its status, and the clip's errors.
 """
 
 from pathlib import Path
@@ -10,35 +10,70 @@ import cv2
 import numpy as np
 
 from benchmarks.filming.clips import CLIPS, FOLDER, Clip
-from benchmarks.rendered_clips import with_kit
+from benchmarks.rendered_clips import score, with_kit
 
-PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "video_frames.png"
-SHOWN = (("300 mm card", 110), ("hand", 150), ("stickers", 40), ("tags", 60))
-GREEN, ORANGE, BLUE = (60, 200, 60), (0, 140, 255), (220, 120, 20)
+PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "video_frames.jpg"
+CELL, TITLE_PX, COLUMNS, QUALITY = (540, 270), 22, 2, 74
+SHOWN = {  # frame, the middle of the piece and its width [px]
+    "scissor": (100, (640, 330), 720),
+    "long shutter": (60, (640, 360), 720),
+    "warm light drifts": (150, (700, 330), 720),
+    "60 a second": (45, (700, 330), 720),
+    "300 mm card": (110, (740, 300), 720),
+    "hand": (150, (700, 330), 720),
+    "stickers": (60, (640, 330), 720),
+    "noise and crf 30": (110, (640, 330), 720),
+    "shaken": (60, (640, 400), 1280),
+    "tags": (60, (640, 400), 1280),
+}
+COLOURS = {"observed": (40, 150, 40), "outlier": (0, 110, 255), "predicted": (210, 90, 20)}
+FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
-def annotated(clip: Clip, frame: int) -> np.ndarray:
-    """One frame of a clip, at three tenths of its size, with what was found in it."""
+def annotated(clip: Clip) -> np.ndarray:
+    """A piece of one frame with what was found in it, under a title."""
+    number, middle, wide = SHOWN[clip.name]
+    high = wide * CELL[1] // CELL[0]
     with av.open(str(clip.made())) as container:
-        picture = next(p for k, p in enumerate(container.decode(video=0)) if k == frame).to_ndarray(format="bgr24")
+        frame = next(p for k, p in enumerate(container.decode(video=0)) if k == number).to_ndarray(format="bgr24")
+    corner = np.clip(np.array(middle) - np.array([wide, high]) // 2, 0, np.array(frame.shape[1::-1]) - [wide, high])
+    x, y = corner
+    picture = cv2.resize(frame[y : y + high, x : x + wide], CELL, interpolation=cv2.INTER_AREA)
+    scale = CELL[0] / wide
     tracks = with_kit(clip, FOLDER, coast_s=10.0)
-    for point in tracks[tracks.frame == frame].itertuples():
-        at = tuple(round(c) for c in (point.x_px, point.y_px))
-        if point.status == "predicted":
-            cv2.drawMarker(picture, at, BLUE, cv2.MARKER_CROSS, 18, 2, cv2.LINE_AA)
-        elif point.status != "occluded":
-            cv2.circle(picture, at, 16, GREEN if point.status == "observed" else ORANGE, 2, cv2.LINE_AA)
-    cv2.putText(picture, clip.name, (500, 690), cv2.FONT_HERSHEY_SIMPLEX, 1.2, (20, 20, 20), 2, cv2.LINE_AA)
-    return cv2.resize(picture, None, fx=0.3, fy=0.3, interpolation=cv2.INTER_AREA)
+    shown = tracks[(tracks.frame == number) & tracks.status.isin(list(COLOURS))]
+    places = ((shown[["x_px", "y_px"]].to_numpy() - corner + 0.5) * scale - 0.5).round().astype(int)
+    for at, status in zip(places.tolist(), shown.status, strict=True):
+        if status == "predicted":
+            cv2.drawMarker(picture, at, COLOURS[status], cv2.MARKER_CROSS, 11, 2, cv2.LINE_AA)
+        else:
+            cv2.circle(picture, at, 11, COLOURS[status], 2, cv2.LINE_AA)
+    for at, name, status in zip(places, shown.marker, shown.status, strict=True):
+        near = places[np.argsort(np.hypot(*(places - at).T))[1:5]]
+        below = status != "outlier" and at[1] > near[:, 1].mean()
+        _name(picture, str(name), at, below, COLOURS[status])
+    title = np.full((TITLE_PX, CELL[0], 3), 255, np.uint8)
+    s = score(clip, tracks)
+    cv2.putText(title, clip.name, (4, 16), FONT, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+    errors = f"median {s['median']:.3f} mm, 95% {s['p95']:.3f} mm, {s['swaps']} swaps"
+    cv2.putText(title, errors, (CELL[0] - 292, 16), FONT, 0.42, (60, 60, 60), 1, cv2.LINE_AA)
+    return np.concatenate([title, picture])
+
+
+def _name(picture: np.ndarray, name: str, at: np.ndarray, below: bool, colour: tuple[int, int, int]) -> None:
+    """Above a dot, or below it where its neighbours are above, on white to be read on bed and bars alike."""
+    wide, high = cv2.getTextSize(name, FONT, 0.36, 1)[0]
+    x, y = int(at[0]) - wide // 2, int(at[1]) + (15 + high if below else -15)
+    cv2.rectangle(picture, (x - 1, y - high - 1), (x + wide + 1, y + 2), (255, 255, 255), -1)
+    cv2.putText(picture, name, (x, y), FONT, 0.36, colour, 1, cv2.LINE_AA)
 
 
 def main() -> None:
-    """Four clips in one picture."""
-    found = {clip.name: clip for clip in CLIPS}
-    shown = [annotated(found[name], frame) for name, frame in SHOWN]
-    rows = [np.concatenate(shown[k : k + 2], axis=1) for k in (0, 2)]
+    """Every clip in one picture."""
+    cells = [annotated(clip) for clip in CLIPS]
+    rows = [np.concatenate(cells[k : k + COLUMNS], axis=1) for k in range(0, len(cells), COLUMNS)]
     PICTURE.parent.mkdir(exist_ok=True)
-    cv2.imwrite(str(PICTURE), np.concatenate(rows), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(str(PICTURE), np.concatenate(rows), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
 
 
 if __name__ == "__main__":

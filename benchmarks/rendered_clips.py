@@ -56,18 +56,25 @@ def tracked(clip: Clip, folder: Path, coast_s: float = 0.0, **known: Any) -> pd.
 
     tagged = clip.scene.target == "tag"
     targets = {m: FIRST_TARGET_TAG + k for k, m in enumerate(clip.filmed.markers)} if tagged else None
+    given = {key: value for key, value in (bed(clip) | known).items() if value is not None}
     with tempfile.TemporaryDirectory() as out:
         result = track_video(
-            clip.made(folder), clip.filmed.mechanism, bed(clip) | known,
+            clip.made(folder), clip.filmed.mechanism, given,
             out_dir=out, targets=targets, coast_s=coast_s, preview=False,
         )  # fmt: skip
     result.tracks.attrs["shared_m"] = result.summary["calibration_sd_m"]
+    result.tracks.attrs["readout"] = result.summary.get("readout")
     return result.tracks
 
 
 def with_kit(clip: Clip, folder: Path, coast_s: float = 0.0) -> pd.DataFrame:
     """Ringed dots, or tags; bed tags; the lens from the board."""
     return tracked(clip, folder, coast_s, camera=calibrated(folder))
+
+
+def dated_by_itself(clip: Clip, folder: Path) -> pd.DataFrame:
+    """As with the kit, but the bed file does not know the rolling shutter's readout: the clip tells it."""
+    return tracked(clip, folder, camera=calibrated(folder), readout_s=None)
 
 
 def plain_dots(clip: Clip, folder: Path) -> pd.DataFrame:
@@ -102,6 +109,7 @@ def calibrated(folder: Path) -> dict:
 
 WAYS: dict[str, Callable[[Clip, Path], pd.DataFrame]] = {
     "kit": with_kit,
+    "readout found": dated_by_itself,
     "without board": without_board,
     "plain": plain_dots,
     "paper": as_in_the_paper,
@@ -110,12 +118,14 @@ WAYS: dict[str, Callable[[Clip, Path], pd.DataFrame]] = {
 
 def row(clip: Clip, way: str, folder: Path = FOLDER) -> str:
     """One line of the table."""
-    if clip.scene.target == "tag" and way != "kit":
-        return f"| {clip.name} | {way} | has no dots | | | |"
-    s = score(clip, WAYS[way](clip, folder))
+    if clip.scene.target == "tag" and way not in ("kit", "readout found"):
+        return f"| {clip.name} | {way} | has no dots | | | | |"
+    tracks = WAYS[way](clip, folder)
+    s, readout = score(clip, tracks), tracks.attrs.get("readout")
+    seen = f"{1e3 * readout['seen_s']:.2f} ± {1e3 * readout['sd_s']:.2f}" if readout else ""
     errors = f"{s['median']:.3f} / {s['p95']:.3f} / {s['max']:.2f}"
     nees = "" if np.isnan(s["nees"]) else f"{s['nees']:.2f}"
-    return f"| {clip.name} | {way} | {errors} | {s['swaps']} | {nees} | {100 * s['seen']:.1f} |"
+    return f"| {clip.name} | {way} | {errors} | {s['swaps']} | {nees} | {100 * s['seen']:.1f} | {seen} |"
 
 
 def main() -> None:
@@ -124,7 +134,8 @@ def main() -> None:
     parser.add_argument("words", nargs="*")
     parser.add_argument("--ways", default=",".join(WAYS))
     given = parser.parse_args()
-    print("| clip | way | median / 95% / max, mm | swaps | NEES | observed, % |\n|---|---|---|---|---|---|")
+    heads = ("clip", "way", "median / 95% / max, mm", "swaps", "NEES", "observed, %", "readout, ms")
+    print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     for clip in CLIPS:
         if not given.words or any(w in clip.name for w in given.words):
             for way in given.ways.split(","):

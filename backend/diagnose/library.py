@@ -88,8 +88,8 @@ class Candidate:
 class Library:
     """Candidates of one family, the parameters they take and the effects that carry them.
 
-    nuisances: indices of the parameters that the study's tolerances free in every fit. neutral: what every parameter is
-    where no candidate takes it.
+    nuisances: indices of the parameters that every fit frees (the study's tolerances, its cameras' numbers). neutral:
+    what every parameter is where no candidate takes it.
     """
 
     family: str

@@ -15,6 +15,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from backend.diagnose.calibration import Misplaced
 from backend.fit.prediction import Addresses, Setting, predict
 from backend.fit.run import Run
 from backend.simulate.record import Record
@@ -57,12 +58,14 @@ class Probe(Run):
     """An experiment in which `few` numbers are tied to the library's parameters, which otherwise keep `neutral`.
 
     bumps: (steps, waves) of the unknown drives, the last columns of the setting's record. correction: what the error of
-    the step takes from every sample, put back.
+    the step takes from every sample, put back. misplaced: what the library's last numbers, those of the cameras, do
+    to samples.
     """
 
     neutral: Float[np.ndarray, " all"] = field(default_factory=lambda: np.zeros(0))
     bumps: Float[np.ndarray, "steps waves"] = field(default_factory=lambda: np.zeros((0, 0)))
     correction: Float[np.ndarray, " samples"] | None = None
+    misplaced: Misplaced | None = None
 
     def choose(self, ties: Float[np.ndarray, "all few"], neutral: Float[np.ndarray, " all"] | None = None) -> Probe:
         """The same experiment with other numbers free."""
@@ -128,7 +131,7 @@ class Probe(Run):
         column[: times * joints] = np.tile(np.arange(joints), times)
         since[: times * joints] = np.repeat(np.linspace(0.0, self.duration_s, times), joints)
         asked = replace(self.setting, column=jnp.asarray(column), since_release_s=jnp.asarray(since))
-        x = self._x(values, own)
+        x = self._of_motion(self._x(values, own))
         record = asked.record
         none = np.zeros((AT_ONCE, self.bumps.shape[1], 0 if record is None else record.values.shape[1]))
         seen, _, _ = sensitivities(
@@ -147,16 +150,20 @@ class Probe(Run):
         waves = none if waves is None else waves
         seen, lost, slopes = np.zeros(n), np.zeros(n, bool), np.zeros((n, k))
         bumps, step = jnp.asarray(self.bumps), jnp.asarray(self.step_s)
+        motion, ways = self._of_motion(x), self._of_motion(directions)
         for first in range(0, max(k, 1), AT_ONCE):
             part = slice(first, min(first + AT_ONCE, k))
-            d, w = np.zeros((AT_ONCE, x.size)), np.zeros((AT_ONCE, *waves.shape[1:]))
-            d[: part.stop - first], w[: part.stop - first] = directions[part], waves[part]
+            d, w = np.zeros((AT_ONCE, motion.size)), np.zeros((AT_ONCE, *waves.shape[1:]))
+            d[: part.stop - first], w[: part.stop - first] = ways[part], waves[part]
             value, slope, gone = sensitivities(
-                self.setting, bumps, self.addresses, step, jnp.asarray(x), jnp.asarray(d), jnp.asarray(w)
+                self.setting, bumps, self.addresses, step, jnp.asarray(motion), jnp.asarray(d), jnp.asarray(w)
             )
             seen, lost = np.asarray(value[:n]), np.asarray(gone[:n])
             slopes[:, part] = np.asarray(slope[:n])[:, : part.stop - first]
         seen = seen if self.correction is None else seen + self.correction
+        if self.misplaced is not None:
+            by_z = self.misplaced.slopes(seen)
+            seen, slopes = seen + by_z @ x[self._z], slopes + by_z @ directions[:, self._z].T
         return np.where(lost, np.nan, seen), slopes
 
     def correct(self, values: np.ndarray, own: np.ndarray) -> None:
@@ -175,6 +182,14 @@ class Probe(Run):
         long.__dict__["setting"] = setting
         coarse = long.predict(values, own)[0]
         self.correction, self._last = np.nan_to_num((fine - coarse) / 3.0), None
+
+    @property
+    def _z(self) -> slice:
+        """The cameras' numbers, which no program that moves the mechanism knows."""
+        return slice(len(self.addresses), self.neutral.size)
+
+    def _of_motion(self, x: Float[np.ndarray, "*k x"]) -> Float[np.ndarray, "*k few"]:
+        return np.delete(x, self._z, axis=-1)
 
     def _x(self, values: np.ndarray, own: np.ndarray) -> np.ndarray:
         rates = own[self.mobility :] if self.moving else np.zeros(self.mobility)

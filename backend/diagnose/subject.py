@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float
 
+from backend.diagnose.calibration import Misplaced, cameras_of, with_cameras
 from backend.diagnose.kept import Kept
 from backend.diagnose.library import Candidate, Library
 from backend.diagnose.noise import Noise, estimate
@@ -37,7 +38,9 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Choice:
-    """What is free: some candidates, beside the study's tolerances. Columns of `ties` follow `parameters`."""
+    """What is free: some candidates, beside the study's tolerances and its cameras' numbers. Columns of `ties` follow
+    `parameters`.
+    """
 
     candidates: tuple[Candidate, ...]
     parameters: tuple[FreeParameter, ...]
@@ -119,10 +122,12 @@ def prepare(
     kept: ends of fits, of a search that may have been cut off.
     """
     kept = Kept() if kept is None else kept
+    cameras = cameras_of(study)
     joints = _drivable(study)
     drives = [Effect(id=UNKNOWN + j, kind="effort_offset", on=(j,), parameters={}) for j in joints]
     model = build(study.mechanism, (*library.added, *drives))
     addresses = addresses_of(library.parameters)
+    library = with_cameras(library, cameras)
     neutral = np.array(library.neutral)
     turning = {j.id: j.type != "prismatic" for j in study.mechanism.joints}
     driven: tuple[Address, ...] = tuple((UNKNOWN + j, "torque_n_m" if turning[j] else "force_n") for j in joints)
@@ -140,6 +145,7 @@ def prepare(
     waves = int(np.clip(max(p.duration_s for p in fit) / (PER_TIME * model.scale.time_s), *WAVES))
     waves = max(n for n in FEW_WAVES if n <= max(min(waves, ALL_WAVES // max(len(joints), 1)), FEW_WAVES[0]))
     for p in (*fit, *held):
+        p.misplaced = Misplaced.of(p.data, model, cameras, p.experiment.camera)
         p.neutral, p.bumps = neutral, bumps(frame[0], step_s, p.duration_s, waves)
         setting = p.framed(*frame)
         p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))

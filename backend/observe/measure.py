@@ -12,18 +12,20 @@ import numpy as np
 import pandas as pd
 
 from backend.observe.account import summarise, warn_height, warn_marks
+from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
-from backend.observe.camera_in_clip import camera_in_clip, shared_error
+from backend.observe.camera_in_clip import camera_in_clip
 from backend.observe.cotracker import cotracker, rough_paths
-from backend.observe.follow_bed import BedWatch, settle
+from backend.observe.follow_bed import BedWatch, ShakenView, settle
 from backend.observe.kinematics import kinematics_of
 from backend.observe.label import drawn_positions
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
-from backend.observe.project import view_in_picture
+from backend.observe.project import AbstractView, view_in_picture
+from backend.observe.readout import dated, error_of_readout_m, readout_of
 from backend.observe.seen_bed import bed_in_picture
-from backend.observe.shared_error import shared_error_m
+from backend.observe.shared_error import error_of_camera, error_of_marks_m
 from backend.observe.targets import TEXTURE, DotTargets, GivenTargets, TagTargets, Targets, read_targets
 from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
@@ -121,23 +123,40 @@ def track_video(
     finally:
         if painter:
             painter.close()
-    bed, shaken = settle(bed, watch.result(), seen.times_s, (width_px, height_px))
-    view = view_in_picture(bed, width_px, height_px)
+    size_px, marks = (width_px, height_px), bed
+    bed, shaken = settle(marks, watch.result(), seen.times_s, size_px)
+    view = view_in_picture(bed, *size_px)
+    readout = None
+    if bed.lens:
+        bars = known_lengths(mechanism, bed.plane, list(drawn))
+        for _ in range(2 if shaken else 1):  # a camera that moved is itself found through the readout
+            at, row = _on_bed(seen, view, heights, bed.readout_s, height_px, shaken)
+            readout = readout_of(seen.times_s, at, row, bars)
+            dated_marks, told = dated(marks, readout)
+            bed, shaken = settle(dated_marks, watch.result(), seen.times_s, size_px)
+        warnings += told
     bodies = [marker.body for marker in mechanism.markers]
     table = place(seen, list(drawn), on_pins.radius_px, view, bed, heights, coast_s, height_px, bodies, shaken)
     if shaken:
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
-    some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
-    shared_m = shared_error_m(bed, given, view, seen.px[tuple(some.T)], heights[some[:, 1]], (width_px, height_px))
+    if given:
+        posed = camera_in_clip(given, bed, list(drawn), seen.px, size_px)
+        shared_m, tolerances = error_of_camera(posed, list(drawn), seen.px, 1 / video.frames_per_s)
+    else:
+        some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
+        shared_m = error_of_marks_m(bed, view, seen.px[tuple(some.T)], heights[some[:, 1]], size_px)
+    if readout and bed.readout_s == readout.seconds:
+        at, row = _on_bed(seen, view, heights, bed.readout_s, height_px, shaken)
+        shared_m = float(np.hypot(shared_m, error_of_readout_m(seen.times_s, at, row, readout.sd_s)))
     summary = summarise(video, table, on_pins, view, bed, slope, warnings, shared_m)
+    if readout:
+        summary["readout"] = {"used_s": bed.readout_s, "seen_s": readout.seconds, "sd_s": readout.sd_s}
     if given and not shaken:  # one pose for the whole clip, from its marks
-        posed = camera_in_clip(given, bed, list(drawn), seen.px, (width_px, height_px))
-        error_m, tolerances = shared_error(posed, list(drawn), seen.px, 1 / video.frames_per_s)
         summary["warnings"] += posed.notes[len(given.notes) :]
+        summary["tolerances"] = tolerances
         write_camera(posed, out / "camera.json")
-        summary |= {"calibration_sd_m": error_m, "tolerances": tolerances}
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
     return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)
@@ -149,6 +168,18 @@ def _read_clicks(clicks: Mapping[str, Sequence[float]] | str | Path | None) -> d
         return {str(name): (float(at[0]), float(at[1])) for name, at in (given or {}).items()}
     except (OSError, ValueError, TypeError, IndexError, AttributeError, KeyError) as error:
         raise TrackingError(f'Clicks cannot be read ({error}); write {{"marker": [x_px, y_px]}}.') from error
+
+
+def _on_bed(
+    seen: Record, view: AbstractView, heights_m: np.ndarray, readout_s: float, rows: int, shaken: ShakenView | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places [m] of points called observed, NaN else, and their rows, 0 first and 1 last: (frame, marker, ...)."""
+    at, row = np.full(seen.px.shape, np.nan), seen.px[..., 1] / (rows - 1)
+    frame, marker = np.nonzero(seen.status == "observed")
+    px, height = seen.px[frame, marker], heights_m[marker]
+    own_s = seen.times_s[frame] + readout_s * row[frame, marker]
+    at[frame, marker] = shaken.metres(px, height, frame, own_s) if shaken else view.metres(px, height)
+    return at, row
 
 
 def _follow(

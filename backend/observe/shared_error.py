@@ -1,50 +1,73 @@
-"""What all points of a clip have wrong together: the view's own error, from its marks and its lens."""
+"""What all points of a clip have wrong together: a calibrated camera's covariance, or the marks of any other view."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from backend.observe.bed import Bed
-from backend.observe.camera import PARAMETERS, Camera
+from backend.observe.camera import Camera
+from backend.observe.placing import placing_sd_m, placing_slopes
 from backend.observe.project import AbstractView, calibrate
+from backend.observe.viewpoint import Viewpoint
 
 MARK_SD_PX, TAG_SD_PX = 0.5, 0.04  # a mark clicked by hand; a tag's centre, where neighbours may err alike
+CLOCK_SD = 5e-5  # of a camera's clock: the usual tolerance of a quartz
+FEW = 400  # places by which the error of all is judged
 
 
-def shared_error_m(
+def error_of_marks_m(
     bed: Bed,
-    camera: Camera | None,
     view: AbstractView,
     px: Float[np.ndarray, "n 2"],
     height_m: Float[np.ndarray, "n"],
     size_px: tuple[int, int],
 ) -> float:
-    """Standard deviation per axis [m] of what the view does to points seen at `px`, all alike or nearly so.
+    """Standard deviation per axis [m] of what its marks do to points seen at `px`, all alike or nearly so.
 
-    bed: with marks in place of tags.  camera: whose lens the bed holds, with its covariance.
+    bed: with marks in place of tags; its lens counts as exact.
     """
-    nominal = view.metres(px, height_m)
-
-    def change(other: Bed) -> float:
-        return float(((calibrate(other, *size_px).metres(px, height_m) - nominal) ** 2).sum(1).mean() / 2)
-
-    total = 0.0
+    nominal, total = view.metres(px, height_m), 0.0
     for k, mark in enumerate(bed.marks):
         sd = TAG_SD_PX if mark.id.startswith("tag ") else MARK_SD_PX
         for shift in ({"x_px": mark.x_px + sd}, {"y_px": mark.y_px + sd}):
             moved = (*bed.marks[:k], mark.model_copy(update=shift), *bed.marks[k + 1 :])
-            total += change(bed.model_copy(update={"marks": moved}))
-    if camera is not None:
-        values, directions = np.linalg.eigh(np.array(camera.covariance))
-        for value, direction in zip(values, directions.T, strict=True):
-            if value > 0:
-                lens, _ = _moved(camera, np.sqrt(value) * direction).lens_for(*size_px)
-                total += change(bed.model_copy(update={"lens": lens}))
+            other = calibrate(bed.model_copy(update={"marks": moved}), *size_px)
+            total += float(((other.metres(px, height_m) - nominal) ** 2).sum(1).mean() / 2)
     return float(np.sqrt(total))
 
 
-def _moved(camera: Camera, by: Float[np.ndarray, "9"]) -> Camera:
-    value = dict(zip(PARAMETERS, (camera.values() + by).tolist(), strict=True))
-    pairs = {"focal_px": (value["fx_px"], value["fy_px"]), "centre_px": (value["cx_px"], value["cy_px"])}
-    return camera.model_copy(update=pairs | {name: value[name] for name in PARAMETERS[4:]})
+def error_of_camera(
+    camera: Camera, markers: Sequence[str], px: Float[np.ndarray, "frame marker 2"], interval_s: float
+) -> tuple[float, list[dict[str, Any]]]:
+    """What a camera that was found in a clip does to its points: their deviation per axis [m], and tolerances by which
+    a study can say so.
+
+    The tolerances stand for the whole covariance where a study cannot name the camera: scale and turn of the places
+    about the world's origin, and the clock (the release is seen to a frame).
+    """
+    if camera.pose is None:
+        raise ValueError("the camera has no pose")
+    pose, view = camera.pose, Viewpoint.of(camera, camera.pose)
+    heights = np.array([pose.marker_height_m[name] for name in markers])
+    frame, marker = np.nonzero(np.isfinite(px[..., 0]))
+    few = slice(None, None, max(1, len(frame) // FEW))
+    frame, marker = frame[few], marker[few]
+    xy = view.on_plane(px[frame, marker], pose.plane, heights[marker])
+    slopes = placing_slopes(view, pose.plane, xy, heights[marker], marker, len(heights))
+    covariance = np.array(pose.covariance)
+    # Shift, scale and turn of all places, by least squares: d = (a + s x - t y, b + s y + t x).
+    x, y = (xy - pose.plane.from_world(np.zeros(3))[:2]).T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    fields = np.stack([np.stack([one, none, x, -y], -1), np.stack([none, one, y, x], -1)], 1).reshape(-1, 4)
+    gain = np.linalg.pinv(fields) @ slopes.reshape(len(fields), -1)
+    scale, turn = np.sqrt(np.diag(gain @ covariance @ gain.T))[2:].tolist()
+    told = {
+        "camera_scale": scale, "camera_rotation": turn,
+        "time_offset": interval_s / np.sqrt(12.0), "frame_rate_error": CLOCK_SD,
+    }  # fmt: skip
+    sd_m = float(np.sqrt(np.mean(placing_sd_m(slopes, covariance) ** 2)))
+    return sd_m, [{"kind": kind, "on": ["camera"], "sd": float(sd)} for kind, sd in told.items()]

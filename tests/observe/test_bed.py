@@ -8,7 +8,7 @@ from backend.blind.camera import Camera
 from backend.observe.account import warn_height, warn_marks
 from backend.observe.bed import Plane, read_bed
 from backend.observe.project import calibrate, mark_residuals_px
-from backend.observe.shared_error import shared_error_m
+from backend.observe.shared_error import error_of_marks_m
 from backend.observe.tracking_error import TrackingError
 
 SPOTS = [(-0.25, -0.13), (0.25, -0.13), (0.25, 0.13), (-0.25, 0.13), (0.0, 0.14), (0.02, -0.12)]
@@ -145,7 +145,7 @@ def test_the_calibrations_error_is_what_misplaced_marks_do():
     exact = marks(camera)
     bed = read_bed(exact)
     px = camera.project(np.c_[POINTS, np.zeros(40)])
-    told = shared_error_m(bed, None, calibrate(bed, 1280, 720), px, np.zeros(40), (1280, 720))
+    told = error_of_marks_m(bed, calibrate(bed, 1280, 720), px, np.zeros(40), (1280, 720))
     errors = []
     for _ in range(200):
         shaken = [dict(m, x_px=m["x_px"] + rng.normal(0, 0.5), y_px=m["y_px"] + rng.normal(0, 0.5)) for m in exact]

@@ -5,8 +5,9 @@ import pytest
 
 from backend.observe.bed import read_bed
 from backend.observe.camera import Camera, Deviations
-from backend.observe.camera_in_clip import camera_in_clip, shared_error
+from backend.observe.camera_in_clip import camera_in_clip
 from backend.observe.placing import placing_slopes
+from backend.observe.shared_error import error_of_camera
 from backend.observe.viewpoint import Viewpoint
 
 from .filmed_fourbar import MARKERS, SIZE, TAGS, Eye, fourbar, raised
@@ -86,7 +87,7 @@ def test_a_lens_calibrated_at_another_setting_is_told():
 
 def test_tolerances_say_how_far_scale_and_turn_may_be_off():
     _, _, _, px, camera = clip(0)
-    sd_m, tolerances = shared_error(camera, MARKERS, px, 1 / 60)
+    sd_m, tolerances = error_of_camera(camera, MARKERS, px, 1 / 60)
     told = {t["kind"]: t["sd"] for t in tolerances}
     assert 2e-5 < sd_m < 3e-4
     scales, turns = [], []
