@@ -9,7 +9,9 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from sqlalchemy import Connection, Engine, create_engine, event, inspect, text
-from sqlmodel import Session
+from sqlmodel import Session, SQLModel
+
+from backend.service import records  # noqa: F401  (registers the tables)
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 HEAD = "0001"  # the latest file of migrations/versions
@@ -43,7 +45,12 @@ class Database:
         if self._version() == HEAD:
             return
         with self._alone() as connection:
-            if self._version(connection) != HEAD:
+            version = self._version(connection)
+            if version is None:  # nothing to upgrade: the tables are made as the records say
+                SQLModel.metadata.create_all(connection)
+                connection.execute(text("CREATE TABLE alembic_version (version_num VARCHAR(32) NOT NULL PRIMARY KEY)"))
+                connection.execute(text("INSERT INTO alembic_version VALUES (:head)"), {"head": HEAD})
+            elif version != HEAD:
                 from alembic import command  # half a second that only an upgrade needs
                 from alembic.config import Config
 

@@ -1,0 +1,62 @@
+"""A new database is made as the records say, an old one is upgraded: both must come to the same tables."""
+
+from pathlib import Path
+
+import pytest
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from sqlalchemy import inspect, text
+from sqlmodel import SQLModel
+
+from backend.service.database import HEAD, MIGRATIONS, Database
+
+
+@pytest.fixture
+def made(tmp_path: Path):
+    database = Database(f"sqlite:///{tmp_path / 'made.sqlite'}")
+    database.migrate()
+    yield database
+    database.close()
+
+
+@pytest.fixture
+def upgraded(tmp_path: Path):
+    database = Database(f"sqlite:///{tmp_path / 'upgraded.sqlite'}")
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    with database.engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
+    yield database
+    database.close()
+
+
+def test_both_ways_come_to_the_same_tables(made, upgraded):
+    assert _tables(made) == _tables(upgraded)
+    with upgraded.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, SQLModel.metadata) == []
+
+
+def test_a_database_of_either_way_needs_nothing_more(made, upgraded):
+    for database in (made, upgraded):
+        before = _tables(database)
+        database.migrate()
+        assert _tables(database) == before
+        with database.engine.connect() as connection:
+            assert connection.execute(text("SELECT version_num FROM alembic_version")).scalars().all() == [HEAD]
+
+
+def _tables(database: Database) -> dict:
+    seen = inspect(database.engine)
+    return {
+        table: (
+            {c["name"]: (str(c["type"]), c["nullable"]) for c in seen.get_columns(table)},
+            seen.get_pk_constraint(table)["constrained_columns"],
+            sorted((i["name"], tuple(i["column_names"]), bool(i["unique"])) for i in seen.get_indexes(table)),
+            sorted(tuple(u["column_names"]) for u in seen.get_unique_constraints(table)),
+        )
+        for table in sorted(seen.get_table_names())
+    }
