@@ -36,12 +36,15 @@ def shown(value: float | None, digits: int = 3) -> str:
 def measured(value: float, sd: float | None) -> str:
     """A value with as many digits as its standard deviation leaves meaningful: two of the deviation.
 
-    >>> measured(203.4863, 1.52), measured(0.011031, 0.0004), measured(0.5, None)
-    ('203.5', '0.01103', '0.500')
+    >>> measured(203.4863, 1.52), measured(0.011031, 0.0004), measured(0.5, None), measured(-1.4e-13, 39.0)
+    ('203.5', '0.01103', '0.500', '0')
     """
     if sd is None or not math.isfinite(sd) or sd <= 0.0 or value == 0.0:
         return shown(value)
-    known = math.floor(math.log10(abs(value))) - math.floor(math.log10(sd)) + 2
+    size = math.floor(math.log10(sd))
+    if round(value, 1 - size) == 0.0:
+        return "0"
+    known = math.floor(math.log10(abs(value))) - size + 2
     return shown(value, min(max(known, 2), 9))
 
 
