@@ -16,7 +16,8 @@ from backend.model.state import Pose
 from backend.model.system import System
 from backend.simulate.spectrum import Row, held_rows, matrix, rank, real, singular_values, units
 
-MIXED = 1.1  # of a kept row in a dropped one, above which they are exchanged
+DIGITS = 9  # of a row's entries, the largest being 1, by which rows are chosen
+MIXED = 1.001  # of a kept row in a dropped one, above which they are exchanged
 EXCHANGES = 1000
 SHARE = 1e-6  # entry of a null vector, its largest being 1, below which a row or a body takes no part in it
 SHOWN = 6  # names in a sentence
@@ -146,12 +147,13 @@ def _split(J: np.ndarray, known: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     """Rows kept, rows dropped (both in drawn order), and dropped = combination @ kept.
 
     Column-pivoted QR of Jᵀ (Businger and Golub 1965) takes the rows that stand furthest from those taken before; alike
-    links leave it ties, which rounding decides.  So rows are exchanged until no dropped row holds more than `MIXED` of
-    a kept one (Gu and Eisenstat 1996): each exchange makes the kept rows span a larger volume by that factor.
+    links leave it ties, which must not depend on rounding (`DIGITS`).  Then rows are exchanged until no dropped row
+    holds more than `MIXED` of a kept one (Gu and Eisenstat 1996): each exchange makes the kept rows span more.
     """
     if not J.size or known == 0:
         return np.zeros(0, int), np.arange(J.shape[0]), np.zeros((J.shape[0], 0))
-    _, R, order = qr(J.T, mode="economic", pivoting=True)  # pyright: ignore[reportAssignmentType]: pivoting gives three
+    alike = np.round(J.T / np.abs(J).max(), DIGITS)
+    _, R, order = qr(alike, mode="economic", pivoting=True)  # pyright: ignore[reportAssignmentType]: pivoting gives three
     kept, dropped = order[:known], order[known:]
     combination = solve_triangular(R[:known, :known], R[:known, known:]).T
     for _ in range(EXCHANGES if combination.size else 0):
@@ -163,8 +165,8 @@ def _split(J: np.ndarray, known: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
         row[j] -= 1.0
         column[i] += 1.0
         combination = combination - np.outer(column, row) / combination[i, j]
-    first, last = np.argsort(kept), np.argsort(dropped)
-    return kept[first], dropped[last], combination[last][:, first]
+    kept, dropped = np.sort(kept), np.sort(dropped)
+    return kept, dropped, np.linalg.lstsq(J[kept].T, J[dropped].T, rcond=None)[0].T
 
 
 def _motions(system: System, J: np.ndarray, known: int) -> tuple[NullMotion, ...]:
