@@ -11,13 +11,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from backend.model.state import Pose
 from backend.model.system import System
 from backend.simulate import kinematics
 from backend.simulate.equations import Motion
-from backend.simulate.redundancy import removed_rows
+from backend.simulate.redundancy import LetGo, let_go_at
 from backend.simulate.rollout import Seen
 
 RELEASE = 2e13  # times the compliance: a row 1e-10 m open then carries 1e-11 N in a step of 1 ms
@@ -43,10 +43,10 @@ class Kept(NamedTuple):
         return said + (f"; compliance carried {self.carried} of {steps} steps" if self.carried else "")
 
 
-def released(system: System, removed: Bool[np.ndarray, "joints 6"]) -> System:
-    """The system without these held rows; they no longer carry anything, nor close."""
-    free = jnp.asarray(removed & system.rigid_rows)
-    return eqx.tree_at(lambda s: s.compliance, system, system.compliance * jnp.where(free, RELEASE, 1.0))
+def released(system: System, let_go: LetGo) -> System:
+    """The system without these held rows, which no longer carry anything, nor close; the others stand in for them."""
+    factor = np.where(let_go.rows, RELEASE, let_go.share)
+    return eqx.tree_at(lambda s: s.compliance, system, system.compliance * factor)
 
 
 def march_reduced(
@@ -64,21 +64,21 @@ def march_reduced(
     )
     # A drawing that does not quite close leaves rows open whichever are let go.
     always = max(OPEN, FOLLOW * drawn)
-    removed = removed_rows(system, pose, threshold)
-    chosen, parts, carried = [(0, removed)], [], 0
+    let_go = let_go_at(system, pose, threshold)
+    chosen, parts, carried = [(0, let_go.rows)], [], 0
     for first in range(0, steps, STRETCH):
         for _ in range(TRIES):
-            after, seen = march(released(system, removed), carry, first)
-            bad = _broken(system, removed, after, seen, always)
+            after, seen = march(released(system, let_go), carry, first)
+            bad = _broken(system, let_go.rows, after, seen, always)
             if bad is None:
                 break
-            removed = removed_rows(system, bad, threshold)
+            let_go = let_go_at(system, bad, threshold)
         else:
             after, seen = march(system, carry, first)
             carried += STRETCH
-            removed = removed_rows(system, after[0].pose, threshold)
-        if not np.array_equal(removed, chosen[-1][1]):
-            chosen.append((first, removed))
+            let_go = let_go_at(system, after[0].pose, threshold)
+        if not np.array_equal(let_go.rows, chosen[-1][1]):
+            chosen.append((first, let_go.rows))
         carry = after
         parts.append(seen)
     return parts, Kept(tuple(chosen), min(carried, steps))

@@ -6,6 +6,7 @@ there (Wojtyra 2005, Mechanism and Machine Theory 40, 1268; Wojtyra 2009, Multib
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -94,6 +95,13 @@ class Redundancy:
         return f"{count} redundant row{'s' * (count > 1)}: {named}; reactions along {rest} are not unique"
 
 
+class LetGo(NamedTuple):
+    """Redundant rows that a reduced solve leaves out, and the part of its own compliance that each other row keeps."""
+
+    rows: Bool[np.ndarray, "joints 6"]
+    share: Float[np.ndarray, "joints 6"]
+
+
 def redundancy(system: System, pose: Pose, threshold: float | None = None) -> Redundancy:
     """Rank, redundant rows, mobility and null motions of a mechanism at a closed pose.
 
@@ -127,14 +135,22 @@ def redundancy(system: System, pose: Pose, threshold: float | None = None) -> Re
     )
 
 
-def removed_rows(system: System, pose: Pose, threshold: float | None = None) -> Bool[np.ndarray, "joints 6"]:
-    """Mask of the redundant rows alone: what the reduced solve leaves out."""
+def let_go_at(system: System, pose: Pose, threshold: float | None = None) -> LetGo:
+    """The redundant rows alone, which the reduced solve leaves out, and how much stiffer the kept ones then stand.
+
+    Rows let go = combination @ kept rows, so a kept row and its shares of those let go were springs side by side; it
+    takes over their stiffness, or it would give way to what all of them carried.
+    """
     J = matrix(system, pose)
-    _, dropped, _ = _split(J, rank(singular_values(J), threshold))
-    mask = np.zeros(system.rigid_rows.shape, dtype=bool)
-    where = np.argwhere(system.rigid_rows)[dropped]
-    mask[where[:, 0], where[:, 1]] = True
-    return mask
+    kept, dropped, combination = _split(J, rank(singular_values(J), threshold))
+    held = np.argwhere(system.rigid_rows)
+    rows = np.zeros(system.rigid_rows.shape, dtype=bool)
+    rows[tuple(held[dropped].T)] = True
+    unit = np.array([float(system.scale.length_m) ** 2] * 3 + [1.0] * 3)  # combination is in mechanism lengths
+    stiffness = (unit / np.asarray(system.compliance))[system.rigid_rows]
+    share = np.ones(rows.shape)
+    share[tuple(held[kept].T)] = 1.0 / (1.0 + stiffness[dropped] @ combination**2 / stiffness[kept])
+    return LetGo(rows, share)
 
 
 def null_space(system: System, pose: Pose) -> Float[np.ndarray, "slots 6 mobility"]:

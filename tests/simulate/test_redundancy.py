@@ -15,7 +15,7 @@ from backend.model.state import Start, drawn_pose
 from backend.model.system import system
 from backend.report.run_summary import summary_json, summary_text
 from backend.simulate.reduced import STRETCH, Kept, march_reduced, released
-from backend.simulate.redundancy import redundancy, removed_rows
+from backend.simulate.redundancy import let_go_at, redundancy
 from backend.simulate.rollout import depart, march, trajectory
 from backend.simulate.run import simulate
 from backend.simulate.spectrum import matrix, rank_along, singular_values
@@ -176,11 +176,12 @@ def test_a_threshold_of_the_readers_own_decides_what_counts_as_zero():
 
 def test_a_row_let_go_carries_nothing():
     plant, pose = placed(leaning(fourbar()))
-    removed = removed_rows(plant, pose)
+    let_go = let_go_at(plant, pose)
+    removed = let_go.rows
     start = Start(pose, jnp.zeros((plant.topology.slots, 6)))
     motion = eqx.filter_jit(depart)(plant, start)
     carry = (motion, jnp.zeros((), dtype=bool))
-    _, seen = _march(released(plant, removed), carry, jnp.asarray(STEP_S), STRETCH, None)
+    _, seen = _march(released(plant, let_go), carry, jnp.asarray(STEP_S), STRETCH, None)
     assert removed.sum() == 3
     assert np.abs(np.asarray(seen.reaction)[:, removed]).max() < 1e-10  # N and N m, of 1 in the others
     assert np.abs(np.asarray(seen.reaction)[:, ~removed]).max() > 0.1
@@ -202,6 +203,14 @@ def test_both_solves_pass_a_parallelogram_through_its_change_point_alike(turning
     assert not np.asarray(let_go.lost).any()
     apart = np.abs(np.asarray(given.pose.position - let_go.pose.position)).max() / float(plant.scale.length_m)
     assert apart < 1e-8
+
+
+def test_both_solves_hold_up_a_long_scissor_alike():
+    # A cantilever whose kept rows carry ten times what they carry together with those let go.
+    plant, given, let_go, kept = both_solves(leaning(scissor(8)), 75)
+    assert kept.carried == 0
+    apart = np.abs(np.asarray(given.pose.position - let_go.pose.position)).max() / float(plant.scale.length_m)
+    assert apart < 1e-9
 
 
 def test_reactions_differ_by_self_stress_alone(turning_bennett):
