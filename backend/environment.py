@@ -1,4 +1,4 @@
-"""What is read when jax and numpy start: float64, how programs are compiled, where they are kept.
+"""What is read when jax and numpy start: float64, how programs are compiled, where they are kept, how many.
 
 Nothing is imported here, and what the user's environment says already is left as it is.
 """
@@ -14,6 +14,9 @@ from pathlib import Path
 # loops are a tenth faster.
 PLAIN_LOOPS = "--xla_cpu_use_fusion_emitters=false"
 UNKNOWN = (0, 11)  # jaxlib from which on nobody tried the flag: XLA ends the process at one that it does not know
+
+MAPS = Path("/proc/self/maps")
+MOST_MAPS = 20_000  # memory maps; Linux ends a process that asks for 65 530, and one study's programs take up to 20 000
 
 
 def settle() -> None:
@@ -33,3 +36,8 @@ def keep_programs() -> None:
         shelf.mkdir(parents=True, exist_ok=True)
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(shelf))
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+
+
+def many_programs() -> bool:
+    """Whether compiled programs hold so much of what the system grants a process that they should be let go."""
+    return MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS

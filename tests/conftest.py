@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from backend.environment import PLAIN_LOOPS
+from backend.environment import PLAIN_LOOPS, many_programs
 
 # Read when jax starts, so nothing is imported here: a test of the drawing stays free of jax.
 os.environ["JAX_ENABLE_X64"] = "1"
@@ -27,7 +27,6 @@ gc.set_threshold(50_000, 20, 100)
 
 ROOT = Path(__file__).resolve().parents[1]
 LONGEST = ("diagnose", "service", "effects", "report", "browser", "fit", "jam", "physics", "simulate", "blind")
-MOST_MAPS = 20_000  # a third of what Linux grants a process
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -40,8 +39,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def few_programs() -> Iterator[None]:
     """Forget compiled programs when there are many: each takes memory maps, and a process without any left aborts."""
     yield
-    maps = Path("/proc/self/maps")
-    if "jax" in sys.modules and maps.exists() and maps.read_bytes().count(b"\n") > MOST_MAPS:
+    if "jax" in sys.modules and many_programs():
         sys.modules["jax"].clear_caches()
 
 

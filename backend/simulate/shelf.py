@@ -24,13 +24,12 @@ import numpy as np
 from jax import export
 from jax.core import Tracer
 
+from backend.environment import many_programs
 from backend.simulate.kernel import call as kernel
 
 BACKEND = Path(__file__).resolve().parents[1]
 SUFFIX = ".traced"
-MAPS = Path("/proc/self/maps")
 DIGEST = hashlib.sha256().digest_size
-MOST_MAPS = 20_000  # memory maps of this process; Linux ends one that asks for 65 530, and a program takes thousands
 MOST = 200  # programs kept; those not asked for the longest go first
 OURS = [export.DisabledSafetyCheck.custom_call(name) for name in kernel.TARGETS]
 
@@ -73,7 +72,7 @@ class Shelved:
             name = self._name(tree, fixed, leaves)
         except (pickle.PicklingError, TypeError, AttributeError):
             return None
-        if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST_MAPS:
+        if many_programs():
             jax.clear_caches()  # what is asked for again is read from disk
         path = folder / f"{name}{SUFFIX}"
         if (kept := _read(path)) is None:
