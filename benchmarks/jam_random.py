@@ -1,23 +1,26 @@
-"""Random four-bars and scissors: does `linktwin jam` say what Exudyn's own motions say?
+"""Random four-bars and scissors: does `linktwin jam` say what another engine's own motions say?
 
 python -m benchmarks.jam_random --count 200 --seed 4001      # 40 with another seed while working on it
+python -m benchmarks.jam_random --engine exudyn              # as a check: a hundred times slower where joints rub
 
-The truth is found in Exudyn alone: it lets the drawing go, sees whether and since when it rests, then lets it go again
-from there without friction, with up to a hundred times the drive, and a little off the pose.  A drawing whose verdict
-turns with 3% more or less friction is undecided there and left out; so is one that Exudyn cannot follow.  Every left
-out drawing is counted.  Nothing of ours is looked at before.
+The truth is found in MuJoCo (or Exudyn) alone: it lets the drawing go, sees whether and since when it rests, then lets
+it go again from there without friction, with up to a hundred times the drive, and a little off the pose.  A drawing
+whose verdict turns with 3% more or less friction, or with half the step, is undecided there and left out; so is one
+that it cannot follow.  Every left out drawing is counted.  Nothing of ours is looked at before.
 """
 
 import argparse
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from backend.blind.exudyn_engine import simulate_exudyn
+from backend.blind.mujoco_engine import simulate_mujoco
 from backend.blind.poses import PeerMotion
 from backend.jam.run import jam
 from backend.mechanism.mechanism import Mechanism
@@ -25,13 +28,14 @@ from backend.mechanism.read import parse_mechanism
 from benchmarks.scissor import scissor
 from tests.mechanisms import WEIGHTLESS, Z, bar, document, drawing, effect
 
-DURATION_S, STEP_S, SEEN_S = 0.5, 5e-4, 1e-3
-AT_REST = 1e-3  # rad/s at the end; friction there creeps by 1e-5 rad/s at 71% of its limit
+DURATION_S, SEEN_S = 0.5, 1e-3
+AT_REST = 1e-3  # rad/s at the end; Exudyn's friction creeps by 1e-5 rad/s at 71% of its limit
 STANDSTILL = 1e-3  # of the greatest rate
 WHILE_S, FREED = 0.25, 0.02  # how long a copy is watched, and how far it comes [rad] if it is free
 ACCELERATES = 1e-3  # rad that a copy without friction comes if it accelerates at all: 0.03 rad/s² in that time
 STRONGER = (2.0, 10.0, 30.0, 100.0)
 DECIDED = 0.03
+SAME_ONSET_S = 5e-3  # by which the engine's own two steps may differ
 BALANCED = 1e-6  # rad/s in the first 10 ms: only rounding leaves an exact dead centre
 PUSH, PUSHED_S = 1e-3, 1.0  # rad; what grows from a small push takes its time
 FAR_RAD = 1e3
@@ -44,7 +48,7 @@ Random = np.random.Generator
 
 @dataclass(frozen=True)
 class Truth:
-    """What Exudyn says.  onset_s: None where it moves to the end."""
+    """What the other engine says.  onset_s: None where it moves to the end."""
 
     jammed: bool
     cause: str
@@ -52,7 +56,7 @@ class Truth:
 
 
 class Undecided(Exception):
-    """Exudyn gives no clear answer; the message says why."""
+    """The other engine gives no clear answer; the message says why."""
 
 
 # ---- drawings
@@ -124,51 +128,77 @@ def lattice(random: Random) -> Mechanism:
     return parse_mechanism(drawn)
 
 
-# ---- the truth, from Exudyn alone
+# ---- the truth, from another engine alone
 
 
-def truth(mechanism: Mechanism) -> Truth:
-    """Raises Undecided."""
-    drawn = document(mechanism)
-    seen = followed(drawn, DURATION_S)
-    if not rests(seen):
-        rubs = any(given["kind"] in FRICTIONS and acts(given) for given in drawn["effects"])
-        if rubs and rests(followed(changed(drawn, friction=1 + DECIDED), DURATION_S)):
-            raise Undecided("3% more friction stops it")
-        if not rubs and fastest(seen)[:10].max() < BALANCED:
-            return Truth(True, "singularity", 0.0)
-        return Truth(False, "none", None)
-    rate = fastest(seen)
-    fast = np.flatnonzero(rate > max(AT_REST, STANDSTILL * rate.max()))
-    onset = float(seen.time_s[fast[-1]]) if fast.size else 0.0
-    here = standing(drawn, seen)
-    ends = at_its_end(drawn, seen)
-    if not goes(changed(here, friction=0.0), far=ACCELERATES):
-        if ends:
-            return Truth(False, "stop", onset)
-        away = goes(changed(here, friction=0.0), PUSH) or goes(changed(here, friction=0.0), -PUSH)
-        return Truth(away, "singularity" if away else "none", onset)
-    if goes(changed(here, friction=1 - DECIDED)):
-        raise Undecided("3% less friction frees it")
-    strong = any(goes(changed(here, drive=factor)) for factor in STRONGER)
-    return Truth(True, "insufficient_drive" if strong else "friction_lock", onset)
+@dataclass(frozen=True)
+class Judge:
+    """An engine that is asked for motions.  step_s: the longer of the two steps that must agree."""
 
+    simulate: Callable[..., PeerMotion]
+    step_s: float
 
-def followed(drawn: dict, duration_s: float, rates: dict[str, float] | None = None) -> PeerMotion:
-    """Exudyn's motion, at a smaller step where the first one fails."""
-    there = {**drawn, "effects": [given for given in drawn["effects"] if acts(given)]}
-    for step in (STEP_S, STEP_S / 2):
+    def truth(self, mechanism: Mechanism) -> Truth:
+        """What both steps say.  Raises Undecided."""
+        known = self.seen(mechanism)
+        finer = replace(self, step_s=self.step_s / 2).seen(mechanism)
+        when = [0.0 if t.onset_s is None else t.onset_s for t in (known, finer)]
+        if (known.jammed, known.cause) != (finer.jammed, finer.cause) or abs(when[0] - when[1]) > SAME_ONSET_S:
+            raise Undecided("half the step says otherwise")
+        return finer
+
+    def seen(self, mechanism: Mechanism) -> Truth:
+        """What the engine says at one step.  Raises Undecided."""
+        drawn = document(mechanism)
+        seen = self.followed(drawn, DURATION_S)
+        if not rests(seen):
+            rubs = any(given["kind"] in FRICTIONS and acts(given) for given in drawn["effects"])
+            if rubs and rests(self.followed(changed(drawn, friction=1 + DECIDED), DURATION_S)):
+                raise Undecided("3% more friction stops it")
+            if not rubs and fastest(seen)[:10].max() < BALANCED:
+                return Truth(True, "singularity", 0.0)
+            return Truth(False, "none", None)
+        rate = fastest(seen)
+        fast = np.flatnonzero(rate > max(AT_REST, STANDSTILL * rate.max()))
+        onset = float(seen.time_s[fast[-1]]) if fast.size else 0.0
+        here = standing(drawn, seen)
+        ends = at_its_end(drawn, seen)
+        if not self.goes(changed(here, friction=0.0), far=ACCELERATES):
+            if ends:
+                return Truth(False, "stop", onset)
+            away = any(self.goes(changed(here, friction=0.0), push) for push in (PUSH, -PUSH))
+            return Truth(away, "singularity" if away else "none", onset)
+        if self.goes(changed(here, friction=1 - DECIDED)):
+            raise Undecided("3% less friction frees it")
+        strong = any(self.goes(changed(here, drive=factor)) for factor in STRONGER)
+        return Truth(True, "insufficient_drive" if strong else "friction_lock", onset)
+
+    def followed(self, drawn: dict, duration_s: float, rates: dict[str, float] | None = None) -> PeerMotion:
+        """The engine's motion."""
+        there = {**drawn, "effects": [given for given in drawn["effects"] if acts(given)]}
         try:
-            return simulate_exudyn(
-                there, duration_s, step, output_step_s=SEEN_S, initial_joint_velocities=rates, friction_creep=1e-4
-            )
-        except (RuntimeError, ValueError):
-            continue
-    raise Undecided("Exudyn cannot follow it")
+            return self.simulate(there, duration_s, self.step_s, output_step_s=SEEN_S, initial_joint_velocities=rates)
+        except (RuntimeError, ValueError) as why:
+            raise Undecided("the engine cannot follow it") from why
+
+    def goes(self, drawn: dict, push: float = 0.0, far: float = FREED) -> bool:
+        """Whether it comes so far from a pose [rad], from rest.
+
+        push: a rate that carries it that far off in the first 10 ms [rad].
+        """
+        first = drawn["joints"][0]["id"]
+        seen = self.followed(drawn, PUSHED_S if push else WHILE_S, {first: push / 0.01} if push else None)
+        return any(np.abs(q - q[0]).max() > far for q in seen.joint_positions.values())
+
+
+JUDGES = {
+    "mujoco": Judge(simulate_mujoco, 1e-4),
+    "exudyn": Judge(partial(simulate_exudyn, friction_creep=1e-4), 5e-4),
+}
 
 
 def acts(given: dict) -> bool:
-    """Whether an effect does anything: those that do not would only slow Exudyn down."""
+    """Whether an effect does anything: those that do not would only slow an engine down."""
     values = given["parameters"]
     return given["kind"] not in (*FRICTIONS, "joint_stop") or 0.0 < max(abs(v) for v in values.values()) < FAR_RAD
 
@@ -181,16 +211,6 @@ def fastest(seen: PeerMotion) -> np.ndarray:
 def rests(seen: PeerMotion) -> bool:
     """Whether it stands still for the last 20 ms."""
     return bool(fastest(seen)[-20:].max() < AT_REST)
-
-
-def goes(drawn: dict, push: float = 0.0, far: float = FREED) -> bool:
-    """Whether it comes so far from a pose [rad], from rest.
-
-    push: a rate that carries it that far off in the first 10 ms [rad].
-    """
-    first = drawn["joints"][0]["id"]
-    seen = followed(drawn, PUSHED_S if push else WHILE_S, {first: push / 0.01} if push else None)
-    return any(np.abs(q - q[0]).max() > far for q in seen.joint_positions.values())
 
 
 def changed(drawn: dict, friction: float = 1.0, drive: float = 1.0) -> dict:
@@ -226,7 +246,7 @@ def at_its_end(drawn: dict, seen: PeerMotion) -> bool:
         if given["kind"] == "joint_stop":
             q = seen.joint_positions[given["on"][0]][-1]
             values = given["parameters"]
-            # Exudyn's ends are springs: a joint that rests beyond one rests on it.
+            # The engines' ends are springs: a joint that rests beyond one rests on it.
             if q > values["upper"] - 1e-3 or q < values["lower"] + 1e-3:
                 return True
     return False
@@ -240,6 +260,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--count", type=int, default=200)
     options.add_argument("--seed", type=int, default=4001)
+    options.add_argument("--engine", choices=JUDGES, default="mujoco")
     options.add_argument("--each", action="store_true", help="print every drawing")
     chosen = options.parse_args()
     begin, left_out = time.perf_counter(), Counter()
@@ -249,7 +270,7 @@ def main() -> None:
         make: Callable[[Random], Mechanism] = fourbar if index % 10 < 7 else lattice
         mechanism = make(random)
         try:
-            known = truth(mechanism)
+            known = JUDGES[chosen.engine].truth(mechanism)
         except Undecided as why:
             left_out[str(why)] += 1
             continue
