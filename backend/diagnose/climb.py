@@ -97,7 +97,7 @@ class Climb:
             search = self._search_of(family)
             if search is None:
                 continue
-            for cause in search.switching(self.baseline, family, motion):
+            for cause in search.switching(self.baseline, family, motion, best):
                 self.search.tried[cause.names] = cause
                 if self._leaders([cause, best])[0] is cause:
                     best, last = self._judged(cause, search)

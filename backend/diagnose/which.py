@@ -29,6 +29,7 @@ BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so mu
 SWITCHES = 3  # causes of a kind that switches on, refitted
 GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
 TAKEN = 0.6  # of the misfit beyond noise of a part of the records, left by a cause that is worth the rest of them
+SPARE = 0.25  # noise variances that a part of the records may always leave
 CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
@@ -250,8 +251,11 @@ class Search:
                         made.append(self._keep(fitted))
         return made
 
-    def switching(self, baseline: Cause, family: str, motion: dict[str, np.ndarray]) -> list[Cause]:
-        """Candidates that are nothing while small: tried at some sizes, the best fitted over growing records."""
+    def switching(self, baseline: Cause, family: str, motion: dict[str, np.ndarray], rival: Cause) -> list[Cause]:
+        """Candidates that are nothing while small: tried at some sizes, the best fitted over growing records.
+
+        rival: the best smooth set, which one of them must come near.
+        """
         found = []
         for candidate in self.subject.library.candidates:
             if candidate.family == family and not self.cancelled():
@@ -261,20 +265,24 @@ class Search:
         made = []
         for _, values, candidate in sorted(found, key=lambda f: f[0])[:SWITCHES]:
             self.tell(f"trying {candidate.name}")
-            fitted = self._grown(self.subject.choose(candidate), values, baseline.fitted)
+            fitted = self._grown(self.subject.choose(candidate), values, baseline.fitted, rival.fitted)
             if fitted is not None and np.isfinite(fitted.chi2):
                 made.append(self._keep(fitted))
         return sorted(made, key=lambda c: -c.log_z)
 
-    def _grown(self, choice: Choice, values: dict[str, float], drawn: Fitted) -> Fitted | None:
-        """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one."""
+    def _grown(self, choice: Choice, values: dict[str, float], drawn: Fitted, rival: Fitted) -> Fitted | None:
+        """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one, or
+        far more than its rival does.
+        """
         x = start_of(self.subject, choice, values)
         for share in GROWING:
             made = fit(self.subject, choice, start=x, fractions=(share,))
-            x, chance = made.x, CHANCE * np.sqrt(2.0 / made.r.size)
-            asked = max(chance, TAKEN * (mean_square(drawn, share) - 1.0))
-            if share < 1.0 and not made.chi2 / made.r.size - 1.0 < asked:
-                return None
+            x, left = made.x, made.chi2 / made.r.size - 1.0
+            if share < 1.0:
+                worth = TAKEN * (mean_square(drawn, share) - 1.0)
+                near = max(SPARE, BEHIND * (mean_square(rival, share) - 1.0))
+                if not left < max(CHANCE * np.sqrt(2.0 / made.r.size), min(worth, near)):
+                    return None
         return made
 
     def screen(self, cause: Cause) -> Screen:
