@@ -3,8 +3,8 @@
 A nuisance t runs from 0, where the fit was made, to 1, and moves the residual by t times its column.  With t free in
 its range the end of the fit is a linear least-squares problem in a box, and the interval of a value holds all that some
 t explains (profile likelihood): on one side wider by as far as the nuisance can move the value, unless the data say
-where t lies.  Walls are far from linear, so a column is the secant over as much of the range as the data do not rule
-out (cf. `secant`): the whole of it where they hardly see it.
+where t lies.  Walls are far from linear: one secant over the whole range sees past the roughness of blows, one over as
+much as the data do not rule out says what happens near 0.  An interval holds what either allows.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ class Allowance:
     gains: Float[np.ndarray, " k"]
 
 
-def secant(
+def secants(
     change: Callable[[float], Float[np.ndarray, " n"]], solution: Solution, doubt: float
-) -> Float[np.ndarray, " n"] | None:
-    """Change of the residual per whole range of a nuisance; None where no motion is found.
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
+    """Change of the residual per whole range of a nuisance, seen from far and from near; None if no motion is found.
 
     change: of the residual at a share of the range. doubt: how much less the data say for their misfit (sd / noise_sd).
     """
     root = np.sqrt(solution.weights)
     Q, _ = np.linalg.qr(root[:, None] * solution.jacobian)
-    share, column = 1.0, None
+    share, columns = 1.0, []
     for _ in range(SECANTS):
         D = change(share)
         if np.all(np.isfinite(D)):
-            column = D / share
+            columns.append(D / share)
             told = float(np.linalg.norm(root * D - Q @ (Q.T @ (root * D)))) / (TOLD * doubt)
             if told <= 1.0:
                 break
             share *= float(np.clip(1.0 / told, 0.1, 0.7))
         else:
             share *= 0.1
-    return column
+    return (columns[0], columns[-1]) if columns else None
 
 
 def allowing(
@@ -94,12 +94,13 @@ def _ends(R, left, best: float, middle: float, shift: np.ndarray, sd: float, noi
         return -np.inf, np.inf
     allowed = best + (own / noise_sd) ** 2
 
-    def beyond(change: float) -> float:
+    def beyond(times: float) -> float:
         A = np.vstack([R, -shift / noise_sd])
-        return _least(A, np.append(-left, -change / noise_sd))[0] - allowed
+        return _least(A, np.append(-left, -times * own / noise_sd))[0] - allowed
 
-    reach = float(np.abs(shift).sum()) + 2.0 * own  # past all nuisances and twice the noise: surely outside
-    low, high = (float(brentq(beyond, middle, middle + side * reach)) for side in (-1, 1))  # type: ignore[arg-type]
+    start = middle / own
+    reach = float(np.abs(shift).sum()) / own + 2.0  # past all nuisances and twice the noise: surely outside
+    low, high = (own * float(brentq(beyond, start, start + side * reach)) for side in (-1, 1))  # type: ignore[arg-type]
     return min(low, -own), max(high, own)
 
 

@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from backend.fit.free import FreeParameter
 from backend.fit.identifiability import Z95, Uncertainty
-from backend.fit.nuisance import Allowance, allowing, secant
+from backend.fit.nuisance import allowing, secants
 from backend.fit.residual import Residuals
 from backend.fit.solve import Solution
 from backend.mechanism import fit_report
@@ -78,49 +78,50 @@ class Allowed:
         p = len(residuals.parameters)
         self.names, self.sd = residuals.names[:p], u.sd[:p]
         noise = u.noise_sd[:p]
-        doubt = float(np.max((self.sd / noise)[np.isfinite(self.sd) & (noise > 0)], initial=1.0))
-        columns = {each: secant(_change(residuals, solution, each), solution, doubt) for each in held}
-        self.lost = [each for each, column in columns.items() if column is None]
-        seen = {each: column for each, column in columns.items() if column is not None}
+        self.bounded = np.isfinite(self.sd) & (noise > 0)
+        doubt = float(np.max(self.sd[self.bounded] / noise[self.bounded], initial=1.0))
+        columns = {each: secants(_change(residuals, solution, each), solution, doubt) for each in held}
+        self.lost = [each for each, pair in columns.items() if pair is None]
+        seen = {each: pair for each, pair in columns.items() if pair is not None}
         self.held = list(seen)
-        self.allowance: Allowance | None = None
-        if seen:
-            self.allowance = allowing(solution, np.stack(list(seen.values()), 1), self.sd, noise)
+        self.views = [
+            allowing(solution, np.stack(view, 1), self.sd, noise) for view in zip(*seen.values(), strict=True)
+        ]
 
     @property
     def ends(self) -> Float[np.ndarray, "p 2"]:
         """Of the 95% interval of every value, from the value on."""
-        if self.allowance is None:
-            return Z95 * self.sd[:, None] * np.array([-1.0, 1.0])
-        return self.allowance.ends
+        own = Z95 * self.sd
+        low = np.min([-own, *(view.ends[:, 0] for view in self.views)], axis=0)
+        high = np.max([own, *(view.ends[:, 1] for view in self.views)], axis=0)
+        return np.stack([low, high], 1)
 
     def rows(self) -> tuple[fit_report.Unstated, ...]:
         """As fit.json lists them."""
-        if self.allowance is None:
-            return ()
+        shifts = self.views[-1].shift.T if self.views else ()
         return tuple(
             fit_report.Unstated(
                 name=each.name, held=each.held, up_to=each.far, unit=each.unit,
                 shifts=dict(zip(self.names, shift.tolist(), strict=True)),
             )
-            for each, shift in zip(self.held, self.allowance.shift.T, strict=True)
+            for each, shift in zip(self.held, shifts, strict=True)
         )  # fmt: skip
 
     def sentences(self) -> Iterator[str]:
         """What was not stated, what that does to the intervals, and what to do about it."""
         for each in self.lost:
             yield f"{each.name} was not stated, and intervals do not allow for it: no motion was found."
-        if self.allowance is None:
+        if not self.views:
             return
-        wider = np.ptp(self.ends, axis=1) / (2.0 * Z95 * self.sd)
-        grown = [f"{n} {w:.2g} times" for n, w in zip(self.names, wider, strict=True) if w > WORTH_SAYING]
-        if grown:
+        wider = {self.names[j]: np.ptp(self.ends[j]) / (2.0 * Z95 * self.sd[j]) for j in np.flatnonzero(self.bounded)}
+        if grown := [f"{name} {times:.2g} times" for name, times in wider.items() if times > WORTH_SAYING]:
             what = ", ".join(f"{each.name} ({_range(each)})" for each in self.held)
             yield f"Nobody stated {what}: intervals allow for it, {', '.join(grown)} as wide. State it, or free it."
-        if self.allowance.gain > chi2.isf(FALSE_ALARMS, len(self.held)):
-            best = self.held[int(np.argmax(self.allowance.gains))]
+        plain = min(self.views, key=lambda view: view.gain)
+        if plain.gain > chi2.isf(FALSE_ALARMS, len(self.held)):
+            best = self.held[int(np.argmax(plain.gains))]
             yield (
-                f"With other walls than the default ones chi-square falls by {self.allowance.gain:.3g}; "
+                f"With other walls than the default ones chi-square falls by {plain.gain:.3g}; "
                 f"most with another {best.name}: free it."
             )
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from backend.fit.identifiability import Z95
-from backend.fit.nuisance import allowing, secant
+from backend.fit.nuisance import allowing, secants
 from backend.fit.solve import LeastSquares, solve
 
 T = np.linspace(0.0, 1.0, 100)
@@ -66,19 +66,20 @@ def test_a_secant_reaches_as_far_as_the_data_do_not_rule_out():
         asked.append(share)
         return 300.0 * share**2 * np.sin(20.0 * T)
 
-    faint, plain = secant(lambda share: 1e-3 * change(share), solution, 1.0), secant(change, solution, 1.0)
-    assert faint == pytest.approx(0.3 * np.sin(20.0 * T))
-    seen = asked[-1] * plain
+    whole = pytest.approx(300.0 * np.sin(20.0 * T))
+    far, near = secants(change, solution, 1.0)
+    assert far == whole
     assert asked[-1] < 0.1
-    assert np.linalg.norm(seen) < 4.0
-    assert secant(change, solution, 1e4) == pytest.approx(300.0 * np.sin(20.0 * T))
+    assert np.linalg.norm(asked[-1] * near) < 4.0
+    assert secants(change, solution, 1e4) == (whole, whole)
 
 
 def test_a_motion_that_is_lost_on_the_way_is_looked_for_nearer():
     solution, _ = fitted(np.zeros(T.size))
-    nearer = secant(lambda share: np.where(share > 0.2, np.nan, share) * T, solution, 1.0)
-    assert nearer == pytest.approx(T)
-    assert secant(lambda share: np.full(T.size, np.nan), solution, 1.0) is None
+    far, near = secants(lambda share: np.where(share > 0.2, np.nan, share) * T, solution, 1.0)
+    assert far == pytest.approx(T)
+    assert near == pytest.approx(T)
+    assert secants(lambda share: np.full(T.size, np.nan), solution, 1.0) is None
 
 
 def test_a_value_that_the_data_do_not_bound_stays_unbounded():
