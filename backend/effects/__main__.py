@@ -20,7 +20,8 @@ Written by `python -m backend.effects` from the declarations in `backend/effects
 a drawing gives it as `gravity_m_per_s2`. A default of "give it" means that a drawing must name the value; bounds are
 those of a drawing and of a fit. "Expected" is the standard deviation of a value before any data, in natural sizes of
 its unit, which follow from a mechanism's own mass, length and gravity; empty where a diagnosis does not free it.
-Parameters marked *record* can follow recorded inputs.
+Parameters marked *record* can follow recorded inputs. "Unstated up to": where neither drawing nor fit says it, the
+intervals of a fit allow for all values from the default to that one.
 
 | Kind | Acts on | Parameter | Unit | Default | Bounds | Expected | Meaning |
 |---|---|---|---|---|---|---|---|
@@ -51,8 +52,9 @@ def _row(name: str, declared: Declaration) -> str:
     bounds = "" if low is None and high is None else f"{_end(low, '-∞')} to {_end(high, '∞')}"
     where = f"; at {', '.join(declared.joint_types)} joints" if declared.joint_types else ""
     record = "; *record*" if declared.drive else ""
+    far = "" if declared.unstated is None else f"; unstated up to {declared.unstated:g}"
     expected = "" if declared.expected is None else f"{declared.expected * declared.typical:g}"
-    return f"`{name}`{size} | {declared.unit} | {default} | {bounds} | {expected} | {declared.doc}{where}{record}"
+    return f"`{name}`{size} | {declared.unit} | {default} | {bounds} | {expected} | {declared.doc}{where}{record}{far}"
 
 
 def _end(bound: float | None, none: str) -> str:

@@ -41,6 +41,9 @@ class Declaration:
     expected: float | None = None
     """Standard deviation of its value before any data, in natural sizes (`natural` of its row in a model).  None: not
     a cause that a diagnosis frees."""
+    unstated: float | None = None
+    """As far from its default as it may lie where nobody states it, in its unit: intervals of a fit allow for that.
+    None: the default is taken at its word."""
     tries: tuple[float, ...] = ()
     """Values worth trying, in natural sizes, where nothing says which way to go while the effect is absent."""
 

@@ -31,6 +31,7 @@ from backend.fit.secant import smoothed
 from backend.fit.solve import Optimiser, Solution
 from backend.fit.sparse import Sparse
 from backend.fit.starts import scattered
+from backend.fit.unstated import Allowed, unstated
 from backend.mechanism.study import Study
 from backend.model.build import build
 from backend.model.model import Model
@@ -132,9 +133,18 @@ def fit_study(
     uncertainty = assess(
         residuals.names, solution, residuals.problem().scale, rows.run, rows.instant, known, residuals.spread
     )
+    if solution.converged:
+        pace.step("what nobody stated of the walls")
+    held = unstated(study, model, freedom.parameters, freedom.added) if solution.converged else []
+    allowed = Allowed(residuals, solution, uncertainty, held)
     intervals: dict[str, Profile] = {}
     complete = solution.status != "cancelled"
-    warnings = [*uncertainty.warnings, *contradictions(residuals, solution.x), *_misses([*runs, *held_out])]
+    warnings = [
+        *uncertainty.warnings,
+        *allowed.sentences(),
+        *contradictions(residuals, solution.x),
+        *_misses([*runs, *held_out]),
+    ]
     if not solution.converged:
         warnings.insert(0, solution.message)
     if shared:
@@ -148,7 +158,8 @@ def fit_study(
     overlays = _overlays(residuals, held_out, solution)
     report = make_report(
         residuals, solution, uncertainty, intervals, search.history, overlays,
-        time.perf_counter() - began, warnings, list(shared.deviations(solution, uncertainty)) if shared else (),
+        time.perf_counter() - began, warnings, allowed,
+        list(shared.deviations(solution, uncertainty)) if shared else (),
         fitted_cameras(residuals, solution, uncertainty),
     )  # fmt: skip
     if complete:

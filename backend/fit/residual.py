@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from backend.fit.noise import lag_one, whiten_ar1
 from backend.fit.prior import GaussianPrior
 from backend.fit.run import Run
 from backend.fit.solve import LeastSquares
+from backend.model.model import Address
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,10 @@ class Residuals:
     def camera_numbers(self, x: np.ndarray) -> dict[Path, np.ndarray]:
         """How far each camera is from its calibration, in deviations along the axes of its covariance."""
         return {source: x[z] for source, z in self._z.items()}
+
+    def holding(self, address: Address, value: float) -> Residuals:
+        """The same with a parameter of the model, not a free one, at another value."""
+        return replace(self, runs=[run.holding(address, value) for run in self.runs])
 
     def problem(self, fraction: float = 1.0, anchor: np.ndarray | None = None) -> LeastSquares:
         """Least squares over the first fraction of every record.

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from backend.fit.identifiability import Z95, Profile, Uncertainty
+from backend.fit.identifiability import Profile, Uncertainty
 from backend.fit.residual import Residuals
 from backend.fit.run import Run
 from backend.fit.solve import Iteration, Solution
+from backend.fit.unstated import Allowed
 from backend.mechanism import fit_report
 from backend.mechanism.fit_report import FitReport
 
@@ -126,6 +127,7 @@ def make_report(
     overlays: Sequence[Overlay],
     wall_s: float,
     warnings: Sequence[str],
+    allowed: Allowed,
     deviations: Sequence[fit_report.Deviation] = (),
     cameras: Sequence[fit_report.FittedCamera] = (),
 ) -> FitReport:
@@ -137,7 +139,8 @@ def make_report(
     for i, f in enumerate(residuals.parameters):
         x, known = float(solution.x[i]), bool(np.isfinite(sd[i]))
         profile = profiles.get(f.name)
-        ci95 = (max(x - Z95 * sd[i], f.lower), min(x + Z95 * sd[i], f.upper)) if known else None
+        low, high = (x + allowed.ends[i]).tolist()
+        ci95 = (max(low, f.lower), min(high, f.upper)) if known else None
         found.append(
             fit_report.FittedParameter(
                 name=f.name, kind=f.kind, on="all" if f.label == "all" else f.on, parameter=f.parameter, value=x,
@@ -167,5 +170,5 @@ def make_report(
         residuals=tuple(r for r in rows if r.use == "fit"),
         held_out=tuple(r for r in rows if r.use == "held_out"),
         converged=solution.converged, wall_s=wall_s, message=solution.message, warnings=tuple(warnings),
-        deviations=tuple(deviations), cameras=tuple(cameras),
+        deviations=tuple(deviations), cameras=tuple(cameras), unstated=allowed.rows(),
     )  # fmt: skip

@@ -16,7 +16,7 @@ from backend.fit.pose import Found, find_start
 from backend.fit.prediction import Addresses, Setting, linearised, roomy
 from backend.fit.solve import LeastSquares, solve
 from backend.mechanism.study import Experiment
-from backend.model.model import Model
+from backend.model.model import Address, Model
 from backend.simulate.record import on_steps
 
 CLOCK_ROOM = 1.3  # longer rollouts where the clock itself may be wrong
@@ -133,6 +133,10 @@ class Run:
     def tied(self, ties: Float[np.ndarray, "all few"]) -> Run:
         """The same experiment, and the same compiled program, for values of which some are shared."""
         return replace(self, ties=ties, _last=None)
+
+    def holding(self, address: Address, value: float) -> Run:
+        """The same experiment, and the same compiled program, with a parameter of the model at another value."""
+        return replace(self, model=self.model.with_parameters({address: jnp.asarray(value)}), _last=None)
 
     def every(self, values: Float[np.ndarray, " few"]) -> Float[np.ndarray, " all"]:
         """The value at every address."""

@@ -17,7 +17,8 @@ class FittedParameter(Part):
     """One fitted number, in `unit`.
 
     name: `kind:on.parameter`, the name that correlation, identifiability and history use.
-    sd, ci95: null where the data do not bound it. at_bound: the optimum lies on a declared bound.
+    sd: from noise and misfit. ci95: also allows for what is `unstated`. Both are null where the data do not bound it.
+    at_bound: the optimum lies on a declared bound.
     """
 
     name: Id
@@ -84,6 +85,19 @@ class Deviation(Part):
     could_be: Annotated[tuple[Id, ...], Field(strict=False)] = ()
 
 
+class Unstated(Part):
+    """A parameter that nobody stated, held at a default; intervals allow for all values from `held` to `up_to`.
+
+    name: as `--free` takes it. shifts: how far each fitted value moves when it goes all that way.
+    """
+
+    name: Id
+    held: float
+    up_to: float
+    unit: str
+    shifts: dict[str, float]
+
+
 class CameraNumber(Part):
     """One number of a calibrated camera, in `unit`: as calibrated, and as the fit moved it.
 
@@ -110,7 +124,7 @@ class FittedCamera(Part):
 class FitReport(Part):
     """fit.json. `correlation` is a matrix in the order of `parameters`; null where not determined."""
 
-    schema_version: Literal["1.0", "1.1"] = "1.1"
+    schema_version: Literal["1.0", "1.1", "1.2"] = "1.2"
     parameters: Annotated[tuple[FittedParameter, ...], Field(strict=False)]
     correlation: Annotated[
         tuple[Annotated[tuple[float | None, ...], Field(strict=False)], ...], Field(strict=False)
@@ -121,6 +135,7 @@ class FitReport(Part):
     held_out: Annotated[tuple[Residual, ...], Field(strict=False)] = ()
     deviations: Annotated[tuple[Deviation, ...], Field(strict=False)] = ()
     cameras: Annotated[tuple[FittedCamera, ...], Field(strict=False)] = ()
+    unstated: Annotated[tuple[Unstated, ...], Field(strict=False)] = ()
     converged: bool
     wall_s: Annotated[float, Field(ge=0.0)]
     message: str = ""
