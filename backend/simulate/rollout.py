@@ -129,7 +129,8 @@ def rollout(
     """Move for `steps` steps of `step_s` seconds.
 
     record: known drives, sampled on the steps (see `record.on_steps`).  until: a node after which nobody looks: the
-    motion ends there, the nodes behind it repeat it, and no time is spent on them (forward derivatives only).
+    motion ends there, or where it is lost; the nodes behind repeat the last, and no time is spent on them (forward
+    derivatives only).
     A step that cannot be solved is cut in two, up to `halvings` times (0 where derivatives backwards in time are
     wanted); after that the motion freezes and `lost` is set from there on, so that one jammed sample never spoils a
     batch.
@@ -171,15 +172,21 @@ def march(
     if until is None:
         return lax.scan(advance, carry, None if record is None else record.values, length=steps)
 
-    def onward(k: Array, now: tuple[tuple[Motion, Array], Seen]) -> tuple[tuple[Motion, Array], Seen]:
-        carry, every = now
+    end = jnp.minimum(until + 1, steps)
+
+    def wanted(now: tuple[Array, tuple[Motion, Array], Seen]) -> Array:
+        return (now[0] < end) & ~now[1][1]
+
+    def onward(now: tuple[Array, tuple[Motion, Array], Seen]) -> tuple[Array, tuple[Motion, Array], Seen]:
+        k, carry, every = now
         carry, seen = advance(carry, None if record is None else record.values[k])
-        return carry, jax.tree.map(lambda all_, one: all_.at[k].set(one), every, seen)
+        return k + 1, carry, jax.tree.map(lambda all_, one: all_.at[k].set(one), every, seen)
 
     node = jax.eval_shape(advance, carry, None if record is None else record.values[0])[1]
     room = jax.tree.map(lambda one: jnp.zeros((steps, *one.shape), one.dtype), node)
-    carry, seen = lax.fori_loop(0, jnp.minimum(until + 1, steps), onward, (carry, room))
-    behind = jnp.minimum(jnp.arange(steps), until)
+    taken, carry, seen = lax.while_loop(wanted, onward, (jnp.zeros((), dtype=int), carry, room))
+    # What is lost stays lost: the last node, behind which no time is spent, says so for all that follow.
+    behind = jnp.minimum(jnp.arange(steps), taken - 1)
     return carry, jax.tree.map(lambda all_: all_[behind], seen)
 
 

@@ -42,6 +42,18 @@ def follow_alone(model, steps):
     return rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, steps)
 
 
+def test_no_time_is_spent_behind_the_step_that_is_lost():
+    push = effect("push", "applied_force", ["lower"], force_n=1e9, direction=[0, 1, 0], point_m=[0.2, 0, 0])
+    model = build(double_pendulum([push]))
+    plant = system(model)
+    begin = Start(drawn_pose(model, plant), still(model))
+    whole, ended = (rollout(plant, begin, STEP_S, 20, None, 0, until) for until in (None, np.array(20)))
+    np.testing.assert_array_equal(ended.lost, whole.lost)
+    np.testing.assert_allclose(ended.q, whole.q, rtol=0, atol=1e-12)
+    # Behind it nothing was solved: iterations stand at those of the step that was lost.
+    np.testing.assert_array_equal(ended.iterations, np.full(21, ended.iterations[0]))
+
+
 def test_a_motion_that_ends_early_is_the_first_part_of_the_whole_with_its_slopes():
     model = build(double_pendulum([effect("f", "viscous_friction", ["elbow"])]))
 
