@@ -79,7 +79,7 @@ class Climb:
 
     def switching(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """Where nothing smooth is enough: stops, play, bending and friction that grows with load, family by family."""
-        if self.enough(last) or self.baseline.fitted.fraction < 1.0 or self._little(best, last, 1):
+        if self.enough(last) or self._little(best, last, 1):
             return best, last
         for cause in self.search.tuning(self.baseline):
             if self._leaders([cause, best])[0] is cause:
