@@ -56,10 +56,18 @@ def weigh(
     scale: float,
     softness: float = 1.0,
     unknown_log_z: float | None = None,
+    foretold: Mapping[tuple[str, ...], float] | None = None,
 ) -> Belief:
-    """Probabilities from evidence and the beliefs before any data."""
+    """Probabilities from evidence and the beliefs before any data.
+
+    foretold: log density of held-out experiments under the nearest causes, by their names; those farther off count as
+    the worst of these.
+    """
     width = scale / np.sqrt(softness)
     z = np.array([log_evidence(scaled(c.fitted, width)) for c in causes])
+    if foretold and np.isfinite(most := max(foretold.values())):
+        least = min(foretold.values())
+        z = z + np.array([foretold.get(c.names, least) - most for c in causes])
     prior = np.array([log_prior(len(c.candidates), library_size) + c.log_odds for c in causes])
     order = np.argsort(-(z + prior))
     causes, z, prior = [causes[i] for i in order], z[order], prior[order]

@@ -10,7 +10,7 @@ import numpy as np
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
 from backend.diagnose.fitted import log_evidence
-from backend.diagnose.library import SMOOTH, families, library
+from backend.diagnose.library import LOAD, SMOOTH, families, library
 from backend.diagnose.softness import softness
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import passed
@@ -25,9 +25,12 @@ IN_THE_PICTURE = 0.99  # probability of the camera beyond which no effect that s
 LOUD = 0.25  # noise variances a sample: what must be left for a third effect to be sought
 BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
+STRICT = 1e-3  # p of what is left on held-out experiments, below which it is no chance
+WIDE = 1e4  # noise variances a sample: a gap that large counts no more
 SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
 IN_REACH = 0.3  # of what is left: less than the whole library could take is not worth a search for sets
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
+NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
 
@@ -47,6 +50,9 @@ class Climb:
     scale: float
     tolerance_m: float | None
     without: frozenset[str]
+
+    def __post_init__(self):
+        self.searches = {id(self.search.subject): self.search}
 
     def smooth(self, singles: list[Cause]) -> tuple[Cause, Adequacy]:
         """Add effects as long as what is left is large enough to be worth one, and one takes a good part of it."""
@@ -78,30 +84,39 @@ class Climb:
         return best, found
 
     def switching(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """Where nothing smooth is enough: stops, play, bending and friction that grows with load, family by family."""
-        if self.enough(last) or self._little(best, last, 1):
+        """Where nothing smooth is enough, or held-out experiments refuse it: stops, play, bending and friction that
+        grows with load, family by family.
+        """
+        refused = self.refused(best)
+        if not refused and (self.enough(last) or self._little(best, last, 1)):
             return best, last
+        if refused:
+            self._tell(f"held-out experiments refuse {' + '.join(best.names)}")
         for cause in self.search.tuning(self.baseline):
-            if self._leaders([cause, best])[0] is cause:
+            if self._likelier(cause, best):
                 best, last = self._judged(cause)
-        if self.enough(last):
+        if self._settled(best, last):
             return best, last
         places = shares(place_evidence(best.fitted, self.search.latent, self.scale))
-        if places.get("camera", 0.0) > IN_THE_PICTURE or last.excess * best.fitted.r.size < WORTH_A_TRY:
+        if not refused and (
+            places.get("camera", 0.0) > IN_THE_PICTURE or last.excess * best.fitted.r.size < WORTH_A_TRY
+        ):
             return best, last  # what is left does not lie in the mechanism, or is too little to bear another effect
         motion = passed(self.baseline.fitted)
-        for family in families(self.without):
+        # Friction that grows with load first: of all these it is most like what is smooth, and needs no blows followed.
+        for family in sorted(families(self.without), key=lambda family: family != LOAD):
             if family == SMOOTH or self._cancelled():
                 continue
             self._tell(f"trying {family.replace('_', ' ')}")
             search = self._search_of(family)
             if search is None:
                 continue
+            self.searches[id(search.subject)] = search
             for cause in search.switching(self.baseline, family, motion, best):
                 self.search.tried[cause.names] = cause
-                if self._leaders([cause, best])[0] is cause:
+                if self._likelier(cause, best):
                     best, last = self._judged(cause, search)
-            if self.enough(last):
+            if self._settled(best, last):
                 break
             if best.names in search.tried and len(best.candidates) < SURE:
                 for cause in search.level([best], PARTNERS)[:1]:
@@ -163,7 +178,46 @@ class Climb:
         """Most probable first, among those that follow the longest part of the records."""
         longest = max((c.fitted.fraction for c in level), default=1.0)
         at = [c for c in level if c.fitted.fraction == longest]
-        return sorted(at, key=lambda c: -(log_evidence(scaled(c.fitted, self.scale)) + c.log_odds))
+        return sorted(at, key=lambda c: -self._by_fit(c))
+
+    def confirmed(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """Of sets as large that the fitted experiments hardly tell apart, the one that held-out ones prefer."""
+        near = [
+            c for c in self.search.tried.values()
+            if len(c.candidates) == len(best.candidates) > 0 and c.fitted.fraction == best.fitted.fraction == 1.0
+            and self._by_fit(c) > self._by_fit(best) - NEAR
+        ]  # fmt: skip
+        top = max(near, key=self._weight, default=best)
+        if top is best or not self._weight(top) > self._weight(best) + NAMED:
+            return best, last
+        self._tell(f"held-out experiments prefer {' + '.join(top.names)}")
+        return self._judged(top, self.searches[id(top.fitted.subject)])
+
+    def _likelier(self, cause: Cause, best: Cause) -> bool:
+        """Whether a cause follows more of the records than the best one, or as much and all of them better."""
+        if cause.fitted.fraction != best.fitted.fraction:
+            return cause.fitted.fraction > best.fitted.fraction
+        return self._weight(cause) > self._weight(best)
+
+    def _weight(self, cause: Cause) -> float:
+        """Log odds by all experiments, those that were not fitted too."""
+        foretold = self.search.foretold(cause, self.scale) if cause.fitted.fraction == 1.0 else 0.0
+        return self._by_fit(cause) + foretold
+
+    def _by_fit(self, cause: Cause) -> float:
+        return log_evidence(scaled(cause.fitted, self.scale)) + cause.log_odds
+
+    def refused(self, cause: Cause) -> bool:
+        """Whether held-out experiments show that the form is wrong."""
+        if cause.fitted.fraction < 1.0:
+            return False
+        left, drawn = self.search.left(cause, self.scale), self.search.left(self.baseline, self.scale)
+        if left is None or drawn is None or left.p > STRICT:
+            return False
+        return left.excess >= SMALL**2 * np.clip(drawn.excess, 0.0, WIDE)
+
+    def _settled(self, cause: Cause, judged: Adequacy) -> bool:
+        return self.enough(judged) and not self.refused(cause)
 
     def _better(self, top: Cause, best: Cause, judged: Adequacy, found: Adequacy) -> bool:
         """Whether one more effect earned its place."""

@@ -148,9 +148,9 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
 
 
 def mean_square(fitted: Fitted, fraction: float) -> float:
-    """What a fit leaves of the first fraction of its records, in variances of the noise."""
+    """What a fit leaves of the first fraction of its records, in variances of the noise; infinite where it is lost."""
     r, _ = Seer(fitted.subject, [p.first(fraction) for p in fitted.probes], fraction)(fitted.x)
-    return float(np.mean(r**2))
+    return float(np.nan_to_num(np.mean(r**2), nan=np.inf))
 
 
 class Seer:
@@ -198,18 +198,19 @@ SHARES = 10.0 ** np.linspace(-3.0, 0.5, 8)  # of what an effect's file expects: 
 def log_evidence(fitted: Fitted) -> float:
     """Laplace approximation, up to a constant that all choices for the same rows share.
 
-    The sd before any data is any of `SHARES` of what the effect's file expects, each as likely: one for each of two
-    effects, a common one for more. A number that cannot be negative has twice the density on half of the line.
+    The sd of a size before any data is any of `SHARES` of what the effect's file expects, each as likely: one for each
+    of two effects, a common one for more. A number that cannot be negative has twice the density on half of the line.
     """
     few, own = fitted.count, fitted.choice.own
     shift = fitted.values - fitted.choice.start
     JJ, Jr, chi2 = fitted.J.T @ fitted.J, fitted.J.T @ fitted.r, fitted.chi2
     members = [len(c.parameters) for c in fitted.choice.candidates]
     apart = len(members) <= 2
+    sizes = np.array([not worth for c in fitted.choice.candidates for worth in c.tries], bool)
     found = []
     for share in product(SHARES, repeat=len(members) if apart else 1):
         sd = fitted.choice.prior_sd.copy()
-        sd[:own] *= np.repeat(share, members) if apart else share[0]
+        sd[:own] *= np.where(sizes, np.repeat(share, members) if apart else share[0], 1.0)
         precision = np.concatenate([sd**-2.0, fitted.precision[few:]])
         H, b = JJ + np.diag(precision), Jr.copy()
         b[:few] -= shift * precision[:few]

@@ -50,7 +50,7 @@ class Candidate:
     takes: tuple[tuple[int, ...], ...]
     family: str
     tries: tuple[tuple[float, ...], ...] = ()
-    """For each of its numbers, values worth trying where its slope is nothing; empty for the others."""
+    """For each of its numbers, values worth trying where its slope is nothing; empty for sizes, which have one."""
     partial: bool = False
     """Whether it frees one number of several that are absent each by itself, as the ends of a joint's travel are."""
 
@@ -65,6 +65,11 @@ class Candidate:
     def log_odds(self) -> float:
         """Of its kind, against the commonest."""
         return float(np.log(catalogue()[self.kind].odds))
+
+    @property
+    def sought(self) -> bool:
+        """Whether there are several ways to begin, of which no slope tells the better."""
+        return any(len(values) > 1 for values in self.tries)
 
     @property
     def prior_sd(self) -> np.ndarray:
@@ -156,14 +161,15 @@ def library(
             sd = max(sd, OF_DRAWN * abs(p.start))
         own = known.get(p.name)
         wide.append(max(sd, KNOWN_ENOUGH * own) if sd is not None and own is not None else sd)
+    rows = [table[p.addresses[0]] for p in found]
+    tries = [tuple(t * row.natural for t in row.declaration.tries) for row in rows]
+    found = [replace(p, start=t[0]) if len(t) == 1 else p for p, t in zip(found, tries, strict=True)]
     as_causes = [
         replace(p, prior_sd=sd, start=0.0 if _out_of_reach(p, sd) else p.start)
         for p, sd in zip(found, wide, strict=True)
     ]
     loose_pins = {k for k in wanted if issubclass(catalogue()[k], AbstractJointClearance)}
     tight = TIGHT * float(build(mechanism).scale.length_m)
-    rows = [table[p.addresses[0]] for p in found]
-    tries = [tuple(t * row.natural for t in row.declaration.tries) for row in rows]
     neutral = tuple(tight if p.kind in loose_pins and p.name not in known else p.start for p in found)
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
     nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
@@ -237,7 +243,8 @@ def _candidates(
                 takes = tuple(tuple(group) for group in zip(*(at[on] for on in ons), strict=True))
                 own = tuple(replace(parameters[t[0]], label="all") for t in takes)
                 everywhere = tuple(o for on in ons for o in on)
-                yield Candidate(kind, everywhere, _places(mechanism, everywhere), own, takes, family)
+                worth = tuple(tries[t[0]] for t in takes)
+                yield Candidate(kind, everywhere, _places(mechanism, everywhere), own, takes, family, worth)
 
 
 def _places(mechanism: Mechanism, on: Sequence[str]) -> tuple[str, ...]:

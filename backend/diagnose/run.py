@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, weigh
-from backend.diagnose.climb import ALPHA, SMALL, SURE, Climb
+from backend.diagnose.climb import ALPHA, NEAR, SMALL, STRICT, SURE, WIDE, Climb
 from backend.diagnose.kept import Kept
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.library import SMOOTH, library
@@ -22,7 +22,6 @@ from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
 from backend.diagnose.softness import softness
 from backend.diagnose.subject import Subject, prepare
 from backend.diagnose.unknown import unknown_evidence
-from backend.diagnose.unseen import left_unseen
 from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Cause, Search
@@ -31,9 +30,8 @@ from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study
 from backend.model.build import build
 
-STRICT = 1e-3  # p of what is left on held-out experiments, below which it is no chance
-WIDE = 1e4  # noise variances a sample: a gap that large counts no more
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
+CLOSE = 8  # explanations that held-out experiments are asked about
 NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its name, though its form is not the last
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
 
@@ -118,7 +116,7 @@ class _Inquiry:
         if p > CLEAR and baseline.fitted.fraction == 1.0 and self.doubtful(baseline, singles):
             return self.report("none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first)
         climb = Climb(self.study, self.search, baseline, at_base, self.rng, self.scale, self.tolerance_m, self.without)
-        best, last = climb.switching(*climb.smooth(singles))
+        best, last = climb.confirmed(*climb.switching(*climb.smooth(singles)))
         self.scale = climb.scale
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb.enough(last))
 
@@ -147,7 +145,7 @@ class _Inquiry:
         shrunk = shrinkage(first, after, self.rng) if first else None
         small = max(last.excess, 0.0) < SMALL**2 * max(at_base.excess, 0.0) and baseline.fitted.fraction == 1.0
         fits = enough or small
-        left, drawn = left_unseen(best.fitted, self.scale), left_unseen(baseline.fitted, self.scale)
+        left, drawn = self.search.left(best, self.scale), self.search.left(baseline, self.scale)
         if left is not None and drawn is not None:
             self.tell(f"on held-out experiments {left.excess:.3g} of the noise's power is left, p {left.p:.2g}")
             slight = left.excess < SMALL**2 * np.clip(drawn.excess, 0.0, WIDE)
@@ -184,6 +182,12 @@ class _Inquiry:
             unknown = float(logsumexp(z) - np.log(len(z)))
         count = len(self.subject.library.candidates)
         belief = weigh(same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown)
+        if best.fitted.fraction == 1.0 and verdict != "none":
+            near = [c for c, z in zip(belief.causes, belief.log_z, strict=True) if z > belief.log_z[0] - NEAR][:CLOSE]
+            foretold = {c.names: self.search.foretold(c, self.scale / np.sqrt(soft)) for c in near}
+            belief = weigh(
+                same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown, foretold=foretold
+            )
         shrunk = shrinkage(first, after, self.rng) if first else None
         nearly_all = shrunk is not None and shrunk.explained is not None and shrunk.explained > NEARLY_ALL
         doubtful = enough if verdict == "identified" else verdict == "approximate" and not nearly_all

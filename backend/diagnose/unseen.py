@@ -1,13 +1,14 @@
-"""Whether a cause leaves anything smooth behind on experiments that it was not fitted to.
+"""What a cause leaves on experiments that it was not fitted to.
 
 The values stay where the fit left them, as uncertain as it said; each start is what the record itself allows. What is
-then left must be noise: no smooth shift of any marker, and no smooth path of any encoder, may explain it.
+then left must be noise: no smooth shift of any marker, and no smooth path of any encoder, may explain it. And of two
+causes that the fitted experiments cannot tell apart, the one that foretells these better is the likelier.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -33,13 +34,41 @@ class Left:
     excess: float
 
 
-def left_unseen(fitted: Fitted, scale: float) -> Left | None:
-    """Of all held-out experiments together; None where there are none. scale: of all sigmas."""
+@dataclass(frozen=True)
+class Unseen:
+    """All held-out experiments, whitened: what a cause misses, and slopes in its values (in units of what the fit
+    leaves uncertain), in the starts and in smooth shifts of what was measured.
+    """
+
+    r: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, "n few"]
+    starts: Float[np.ndarray, "n own"]
+    shapes: Float[np.ndarray, "n shapes"]
+
+    def rescaled(self, scale: float) -> Unseen:
+        """The same, had all sigmas been larger by `scale`; the values are then as much more uncertain."""
+        return replace(self, r=self.r / scale, starts=self.starts / scale, shapes=self.shapes / scale)
+
+    def left(self) -> Left:
+        """Whether anything smooth is left."""
+        return _judged(self.r, self.values, self.starts, self.shapes)
+
+    def log_density(self) -> float:
+        """Of the measured, foretold from the fitted experiments; up to a constant that all causes share."""
+        Q, size, _ = np.linalg.svd(self.starts, full_matrices=False)
+        Q = Q[:, size > np.sqrt(RANK) * size.max(initial=0.0)]
+        r, V = (x - Q @ (Q.T @ x) for x in (self.r, self.values))
+        H, b = np.eye(V.shape[1]) + V.T @ V, V.T @ r
+        return float(-0.5 * (r @ r - b @ np.linalg.solve(H, b)) - 0.5 * np.linalg.slogdet(H)[1])
+
+
+def unseen(fitted: Fitted) -> Unseen | None:
+    """Of a fit's held-out experiments, of which there is at least one; None where it loses the motion of one."""
     subject, few = fitted.subject, fitted.count
 
     def one(i: int) -> tuple[np.ndarray, ...] | None:
         probe = subject.held_out[i].choose(fitted.choice.ties, subject.neutral)
-        white = subject.held_noise.whitening(probe.data, i, 1.0, scale)
+        white = subject.held_noise.whitening(probe.data, i)
         own = _start(probe, white, fitted.values)
         seen, slope = probe.predict(fitted.values, own)
         if not np.all(np.isfinite(seen[white.keep])):
@@ -48,13 +77,11 @@ def left_unseen(fitted: Fitted, scale: float) -> Left | None:
         return white(probe.data.value - seen), J[:, :few], J[:, few:], _shapes(probe, white)
 
     made = subject.over(one, range(len(subject.held_out)))
-    if not made:
-        return None
     if any(m is None for m in made):
-        return Left(0.0, np.inf)
+        return None
     r, values, starts, shapes = zip(*(m for m in made if m is not None), strict=True)
     own, shifts = np.asarray(block_diag(*starts)), np.asarray(block_diag(*shapes))
-    return _judged(np.concatenate(r), _columns(fitted, values, scale), own, shifts)
+    return Unseen(np.concatenate(r), _columns(fitted, values), own, shifts)
 
 
 def _start(probe: Probe, white: Whitening, values: np.ndarray) -> np.ndarray:
@@ -68,11 +95,11 @@ def _start(probe: Probe, white: Whitening, values: np.ndarray) -> np.ndarray:
     return own
 
 
-def _columns(fitted: Fitted, slopes: Sequence[np.ndarray], scale: float) -> Float[np.ndarray, "n few"]:
+def _columns(fitted: Fitted, slopes: Sequence[np.ndarray]) -> Float[np.ndarray, "n few"]:
     """Slopes in the values, in units of what the fit leaves uncertain."""
     few = fitted.count
     w, V = np.linalg.eigh(fitted.covariance[:few, :few])
-    return np.concatenate(slopes) @ (V * np.sqrt(np.maximum(w, 0.0)) * scale)
+    return np.concatenate(slopes) @ (V * np.sqrt(np.maximum(w, 0.0)))
 
 
 def _shapes(probe: Probe, white: Whitening) -> Float[np.ndarray, "n shapes"]:

@@ -19,6 +19,7 @@ from backend.diagnose.probe import Probe
 from backend.diagnose.screen import Screen, screen, tuned
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
+from backend.diagnose.unseen import Left, Unseen, unseen
 from backend.mechanism.effect import kind_named
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
@@ -75,6 +76,7 @@ class Search:
     def __post_init__(self):
         self.tried: dict[tuple[str, ...], Cause] = {}
         self.screens: dict[tuple[str, ...], Screen] = {}
+        self.looked: dict[int, tuple[Fitted, Unseen | None]] = {}
         self.raw: list[np.ndarray] = []
         self.followed = 1.0
 
@@ -167,7 +169,7 @@ class Search:
         made: list[Cause] = []
         for parent in parents:
             about = self.screen(parent)
-            free = [c for c in self.subject.library.candidates if _new(c, parent) and not any(c.tries)]
+            free = [c for c in self.subject.library.candidates if _new(c, parent) and not c.sought]
             promising = about.ranking(free)[:refits]
             fits: list[Fitted] = []
             for candidate, gain in promising:
@@ -242,7 +244,7 @@ class Search:
         """Candidates with numbers that no slope leads to: the best of some values, then fitted."""
         made = []
         for candidate in self.subject.library.candidates:
-            if any(candidate.tries) and (candidate.name,) not in self.tried and not self.cancelled():
+            if candidate.sought and (candidate.name,) not in self.tried and not self.cancelled():
                 self.tell(f"trying {candidate.name}")
                 if values := tuned(self.screen(baseline), candidate):
                     choice = self.subject.choose(candidate)
@@ -300,6 +302,25 @@ class Search:
     def look_again(self, cause: Cause) -> None:
         """Take the responses to unknown forces about this cause."""
         self.known = responses(self.subject, cause.fitted)
+
+    def _unseen(self, cause: Cause) -> Unseen | None:
+        if id(cause.fitted) not in self.looked:
+            self.looked[id(cause.fitted)] = cause.fitted, unseen(cause.fitted)  # kept, so that its id stays its own
+        return self.looked[id(cause.fitted)][1]
+
+    def left(self, cause: Cause, scale: float) -> Left | None:
+        """What a cause leaves on held-out experiments; None where there are none. scale: of all sigmas."""
+        if not self.subject.held_out:
+            return None
+        made = self._unseen(cause)
+        return Left(0.0, np.inf) if made is None else made.rescaled(scale).left()
+
+    def foretold(self, cause: Cause, scale: float) -> float:
+        """Log density of held-out experiments under a cause and what it learnt from the others, up to a constant."""
+        if not self.subject.held_out:
+            return 0.0
+        made = self._unseen(cause)
+        return -np.inf if made is None else made.rescaled(scale).log_density()
 
     def _keep(self, fitted: Fitted) -> Cause:
         cause = Cause(fitted, log_evidence(fitted))

@@ -45,7 +45,8 @@ class Declaration:
     """As far from its default as it may lie where nobody states it, in its unit: intervals of a fit allow for that.
     None: the default is taken at its word."""
     tries: tuple[float, ...] = ()
-    """Values worth trying, in natural sizes, where nothing says which way to go while the effect is absent."""
+    """Values worth trying, in natural sizes, where nothing says which way to go while the effect is absent; the only
+    one is where it stands meanwhile."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -31,15 +31,17 @@ class StribeckFriction(AbstractRateFriction):
         "N m", "sliding torque", lower=0.0, joint_types=TURNING, expected=0.05
     )
     stribeck_velocity_rad_per_s: Float[Array, ""] = parameter(
-        "rad/s", "speed over which it falls", default=0.1, lower=1e-4, joint_types=TURNING
-    )
+        "rad/s", "speed over which it falls", default=0.1, lower=1e-4, joint_types=TURNING,
+        expected=0.3, tries=(0.1,),
+    )  # fmt: skip
     static_force_n: Float[Array, ""] = parameter(
         "N", "force at which sliding begins", lower=0.0, joint_types=SLIDING, at_least="friction_force_n", expected=0.05
     )
     friction_force_n: Float[Array, ""] = parameter("N", "sliding force", lower=0.0, joint_types=SLIDING, expected=0.05)
     stribeck_velocity_m_per_s: Float[Array, ""] = parameter(
-        "m/s", "speed over which it falls", default=0.01, lower=1e-5, joint_types=SLIDING
-    )
+        "m/s", "speed over which it falls", default=0.01, lower=1e-5, joint_types=SLIDING,
+        expected=0.3, tries=(0.1,),
+    )  # fmt: skip
 
     def limit(self, rate):
         """Torque level plus force level: a joint has only one of them."""
