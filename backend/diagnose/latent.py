@@ -22,6 +22,7 @@ from backend.fit.measured import AXES
 
 SIZES = np.geomspace(0.3, 3e4, 11)  # sd of a bump, in sigmas of the data that it moves
 DRAWS = 4000
+ALONE = 0.05  # share of a row's noise that is left where all else explains most of it: less tells nothing
 
 
 @dataclass(frozen=True)
@@ -212,6 +213,15 @@ def left_over(fitted: Fitted, latent: Latent) -> Float[np.ndarray, " n"]:
     """What neither the fit nor any unknown force or shift explains, row by row."""
     A, R = basis(fitted, latent)
     return fitted.r - A @ (R @ (R.T @ (A.T @ fitted.r)))
+
+
+def studentised(fitted: Fitted, latent: Latent) -> Float[np.ndarray, " n"]:
+    """The same, each row in units of what noise leaves there: at the end of a record a shift follows even a wild
+    sample most of the way.
+    """
+    A, R = basis(fitted, latent)
+    Q = A @ R
+    return (fitted.r - Q @ (Q.T @ fitted.r)) / np.sqrt(np.maximum(1.0 - np.sum(Q**2, 1), ALONE))
 
 
 def neighbour_correlation(fitted: Fitted, latent: Latent, follows: np.ndarray) -> float:

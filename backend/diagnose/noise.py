@@ -1,7 +1,8 @@
 """What of a record is noise: its size, its memory from one sample to the next, and samples that are plainly wrong.
 
 All of it from the records themselves, before any model: static frames where there are enough of them, otherwise the
-sigma in the tables or third differences. Wrong samples are those that a cubic through their four neighbours misses.
+sigma in the tables or third differences. Wrong samples are those that a cubic through their four neighbours misses, or
+at the ends of a record a parabola along the last six.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ ALIKE = 1.7  # channels whose noise differs by less share one estimate
 RARE = 3e-5  # probability of a good sample to be missed so far by a cubic through its neighbours
 ROUNDS = 8
 STRAY = 4.3  # sd: a sample of a smooth record that nothing smooth explains
+BETWEEN, BEFORE = np.array([-2, -1, 1, 2]), -np.arange(1, 7)  # neighbours of a sample; of one at an end
 FAR = 5.0  # robust sd of still frames
 
 
@@ -170,13 +172,21 @@ def good_samples(data: Measured) -> np.ndarray:
                 rows = np.flatnonzero((data.channel == c) & good)
                 if rows.size < 9:
                     continue
-                miss, index = _missed_by_neighbours(data.time_s[rows], data.value[rows])
+                time, value = data.time_s[rows], data.value[rows]
                 # A counter that repeats one value has no scatter of its own.
-                told = data.channels[c].noise == "given" or quantum(data.value[rows]) > 0
+                told = data.channels[c].noise == "given" or quantum(value) > 0
                 floor = 0.7 * np.median(data.sigma[rows]) if told else 0.0
-                width = max(1.4826 * np.median(np.abs(miss)), floor, 1e-300)
-                for t, size in zip(data.time_s[rows[index]], miss / width, strict=True):
-                    far[t] = far.get(t, 0.0) + size**2
+                inside = np.arange(2, rows.size - 2)
+                between = _missed(time, value, inside, BETWEEN), inside
+                last = np.arange(len(BEFORE), rows.size)
+                after = _missed(time, value, last, BEFORE), last
+                first = np.arange(rows.size - len(BEFORE))
+                ahead = _missed(time, value, first, -BEFORE), first
+                for (miss, index), ends in ((between, inside), (after, last[-2:]), (ahead, first[:2])):
+                    width = max(1.4826 * np.median(np.abs(miss)), floor, 1e-300)
+                    at = np.isin(index, ends)
+                    for t, size in zip(time[index[at]], miss[at] / width, strict=True):
+                        far[t] = far.get(t, 0.0) + size**2
             if not far:
                 break
             times = np.array(sorted(far))
@@ -189,17 +199,18 @@ def good_samples(data: Measured) -> np.ndarray:
     return good
 
 
-def _missed_by_neighbours(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Value minus the cubic through two neighbours on each side, in units of its own noise gain; indices."""
-    at = np.arange(2, time.size - 2)
-    near = at[:, None] + np.array([-2, -1, 1, 2])
-    t = time[near] - time[at][:, None]
+def _missed(
+    time: Float[np.ndarray, " n"],
+    value: Float[np.ndarray, " n"],
+    at: Int[np.ndarray, " k"],
+    near: Int[np.ndarray, " m"],
+) -> Float[np.ndarray, " k"]:
+    """Value minus what the samples `near` foretell, by a cubic through four or the closest parabola to more, in units
+    of its own noise gain.
+    """
+    t = time[at[:, None] + near] - time[at][:, None]
     t = t / np.maximum(np.abs(t).max(1, keepdims=True), 1e-300)
-    weights = np.ones_like(t)
-    for i in range(4):
-        for j in range(4):
-            if i != j:
-                gap = t[:, i] - t[:, j]
-                weights[:, i] *= np.where(gap == 0, 0.0, -t[:, j] / np.where(gap == 0, 1.0, gap))
-    miss = value[at] - np.sum(weights * value[near], 1)
-    return miss / np.sqrt(1.0 + np.sum(weights**2, 1)), at
+    powers = t[:, :, None] ** np.arange(4 if near.size == 4 else 3)
+    weights = np.linalg.pinv(powers)[:, 0]
+    miss = value[at] - np.sum(weights * value[at[:, None] + near], 1)
+    return miss / np.sqrt(1.0 + np.sum(weights**2, 1))

@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from backend.diagnose.fitted import Fitted
-from backend.diagnose.latent import moving_bumps
+from backend.diagnose.latent import ALONE, moving_bumps
 from backend.diagnose.noise import Whitening, strays
 from backend.diagnose.probe import Probe
 
@@ -118,8 +118,9 @@ def _judged(r: np.ndarray, values: np.ndarray, starts: np.ndarray, L: np.ndarray
         every, most = _explained(r, A, prior), _explained(r, own, precision)
         if not again:
             break
-        left = r - A @ (np.linalg.pinv(A.T @ A + np.diag(prior), rcond=RANK, hermitian=True) @ (A.T @ r))
-        good = ~strays(left)
+        H = np.linalg.pinv(A.T @ A + np.diag(prior), rcond=RANK, hermitian=True)
+        noise = np.maximum(1.0 - np.einsum("ij,jk,ik->i", A, H, A), ALONE)  # power of what it leaves in each row
+        good = ~strays((r - A @ (H @ (A.T @ r))) / np.sqrt(noise))
         r, own, L = r[good], own[good], L[good]
     free = max(every[1] - most[1], 1.0)
     noise = max((float(r @ r) - every[0]) / max(r.size - every[1], 1.0), 1.0)

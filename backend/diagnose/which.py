@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, mean_square, start_of
-from backend.diagnose.latent import Latent, forces, left_over, neighbour_correlation, responses
+from backend.diagnose.latent import Latent, forces, left_over, neighbour_correlation, responses, studentised
 from backend.diagnose.library import Candidate
 from backend.diagnose.noise import kind_of, strays
 from backend.diagnose.probe import Probe
@@ -142,12 +142,14 @@ class Search:
 
     def _set_aside(self, fitted: Fitted) -> bool:
         """Drop samples that no smooth cause could bring near; false where there are none, or too many to be chance."""
-        wrong = strays(left_over(fitted, self.latent))
+        wrong = strays(studentised(fitted, self.latent))
         if not wrong.any() or wrong.mean() > 0.05:
             return False
         seer = Seer(self.subject, fitted.probes, fitted.fraction)
-        for keep, white, rows in zip(self.subject.noise.keep, seer.white, seer.rows, strict=True):
-            keep[white.keep[wrong[rows]]] = False
+        for p, keep, white, rows in zip(fitted.probes, self.subject.noise.keep, seer.white, seer.rows, strict=True):
+            for i in white.keep[wrong[rows]]:  # a marker's coordinates stand or fall together
+                at = [c.at == p.data.channels[p.data.channel[i]].at for c in p.data.channels]
+                keep[(p.data.time_s == p.data.time_s[i]) & np.array(at)[p.data.channel]] = False
         return True
 
     def follow(self, choice: Choice, start: np.ndarray | None = None) -> Fitted:

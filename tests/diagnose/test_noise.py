@@ -73,3 +73,11 @@ def test_a_wild_sample_in_the_first_still_frame_neither_counts_nor_widens_the_no
     assert not noise.keep[0][first].any()
     assert np.mean(~noise.keep[1]) < 0.02
     assert noise.sigma[0][0] == pytest.approx(1e-3, rel=0.2)  # ten sigmas in one of 240 would add 18%
+
+
+@pytest.mark.parametrize("at", [0, 1, -2, -1])
+def test_a_wild_sample_at_an_end_of_the_motion_is_found(at):
+    rng = np.random.default_rng(6)
+    wild = at % 240
+    data = record(rng, wrong=(wild,))
+    assert wild in {round(100 * t) for t in data.time_s[~good_samples(data)]}
