@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from backend.mechanism.study import ExperimentFile
 from tests.service.asked import refused
 from tests.service.conftest import JSON
 from tests.service.serving import FOURBAR
@@ -102,7 +103,7 @@ def test_paths_inside_documents_do_not_lead_out_either(client, uri, mechanism):
     study = {**STUDY, "mechanism": mechanism}
     folder = {"mechanism.json": drawing_of(bodies=bodies), "e1.csv": TRACKS, "study.json": json.dumps(study)}
     refused(store_zip(client, "studies", folder), 422, "invalid")
-    for field in ("tracks", "video", "joint_positions"):
+    for field in set(ExperimentFile.model_fields) - {"id", "use", "release", "overrides"}:
         experiment = {"id": "e1", "release": {"time_s": 0.1}, field: "/etc/passwd"}
         folder |= {
             "mechanism.json": FOURBAR.read_bytes(),
@@ -185,8 +186,9 @@ def test_a_job_asked_for_with_what_json_cannot_say_is_refused(client, drawing):
         (box(b"ftyp", b"isom") + box(b"mdat", b"\0" * 1000), 422, "invalid"),
         (box(b"ftyp", b"isom") + struct.pack(">I4s", 3, b"moov"), 422, "invalid"),
         (box(b"ftyp", b"isom") + struct.pack(">I4sQ", 1, b"mdat", 2**63), 422, "invalid"),
+        (box(b"ftyp", b"isom") + box(b"moov", b"\0" * 1000)[:200], 422, "invalid"),
     ],
-    ids=["empty", "program", "garbage", "no index", "box too short", "box too long"],
+    ids=["empty", "program", "garbage", "no index", "box too short", "box too long", "index cut off"],
 )
 def test_a_clip_that_is_none_is_refused(client, content, status, kind):
     refused(client.put("/api/v1/videos", content=content), status, kind)
