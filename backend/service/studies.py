@@ -37,7 +37,9 @@ def store_study(service: Service, owner: str, files: Mapping[str, Path], name: s
     if STUDY not in taken:
         deeper = [path for path in taken if path.endswith(f"/{STUDY}")]
         where = f", only {deeper[0]}" if deeper else ""
-        raise Problem("invalid", f"There is no {STUDY} at the top of what was sent{where}; send it beside what it names.")
+        raise Problem(
+            "invalid", f"There is no {STUDY} at the top of what was sent{where}; send it beside what it names."
+        )
     with tempfile.TemporaryDirectory(dir=service.settings.scratch) as scratch:
         folder = lay_out(taken, Path(scratch))
         file, study = _read(service, taken, folder)
@@ -115,7 +117,7 @@ def _refuse_strays(file: StudyFile, taken: Mapping[str, Path]) -> None:
     if outside := [uri for uri in named if uri.startswith("../")]:
         raise Problem(
             "invalid",
-            f"{STUDY} names {', '.join(outside[:20])}, outside its folder; send the file beside {STUDY} and name it so.",
+            f"{STUDY} names {', '.join(outside[:20])}, outside its folder; send it beside {STUDY}, and name it so.",
         )
     if missing := [uri for uri in named if safe_path(uri) not in taken]:
         there = ", ".join(sorted(taken)[:20])

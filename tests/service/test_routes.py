@@ -153,7 +153,9 @@ def test_a_body_that_is_sent_as_something_else_is_refused_with_what_to_send(clie
     for kind in ("application/x-www-form-urlencoded", "text/plain", ""):  # the first is what curl -d says
         document = refused(client.post("/api/v1/jobs", content=job, headers={"content-type": kind}), 415, "wrong-type")
         assert "application/json" in document["detail"]
-    assert client.post("/api/v1/jobs", content=job, headers={"content-type": "application/json; charset=utf-8"}).is_success
+    assert client.post(
+        "/api/v1/jobs", content=job, headers={"content-type": "application/json; charset=utf-8"}
+    ).is_success
     document = refused(client.put("/api/v1/videos", files={"file": b"\0" * 100}), 415, "wrong-type")
     assert "curl -T" in document["detail"]
     packed = {**JSON, "content-encoding": "gzip"}
@@ -186,7 +188,9 @@ def test_a_study_made_of_what_is_stored_takes_the_camera_along(client, drawing):
     folder = {"mechanism.json": FOURBAR.read_bytes(), "e1.csv": TRACKS, "camera.json": camera}
     folder["study.json"] = json.dumps(STUDY)
     first = store_zip(client, "studies", folder).json()["id"]
-    there = {field: f"studies/{first}/files/{name}" for field, name in (("tracks", "e1.csv"), ("camera", "camera.json"))}
+    there = {
+        field: f"studies/{first}/files/{name}" for field, name in (("tracks", "e1.csv"), ("camera", "camera.json"))
+    }
     composed = {**STUDY, "mechanism": f"mechanisms/{drawing}", "experiments": [{**STUDY["experiments"][0], **there}]}
     stored = client.post("/api/v1/studies", json=composed)
     assert stored.status_code == 201, stored.text

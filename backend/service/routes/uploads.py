@@ -107,7 +107,9 @@ async def _form(request: Request, service: Service, place: Path) -> dict[str, Pa
     except ClientDisconnect:
         raise Problem("malformed", "The upload broke off; send it again.") from None
     except HTTPException as error:
-        raise Problem("malformed", f"The form cannot be read ({error.detail.rstrip('.')}); send files as parts.") from None
+        raise Problem(
+            "malformed", f"The form cannot be read ({error.detail.rstrip('.')}); send files as parts."
+        ) from None
 
 
 def _copy(part: UploadFile, path: Path) -> None:
