@@ -55,9 +55,10 @@ def visit(
             name = f"client {number}, turn {turn}"
             text = FOURBAR.read_text().replace('"name": "fourbar"', f'"name": "{name}"').encode()
             headers = {"content-type": "application/json"}
-            thing = ask("POST mechanisms", "POST", "/api/v1/mechanisms", content=text, headers=headers).json()
+            first = ", first" if turn == 0 else ""  # of all clients at once
+            thing = ask(f"POST mechanisms{first}", "POST", "/api/v1/mechanisms", content=text, headers=headers).json()
             job = ask(
-                "POST jobs", "POST", "/api/v1/jobs", headers={"Idempotency-Key": name.replace(" ", "-")},
+                f"POST jobs{first}", "POST", "/api/v1/jobs", headers={"Idempotency-Key": name.replace(" ", "-")},
                 json=wanted(ask, thing["id"], number * times + turn if real else 0),
             ).json()  # fmt: skip
             stored[thing["id"]] = job["id"]
@@ -109,17 +110,17 @@ def run(settings: Settings, folder: Path, clients: int, uploads: int, real: bool
         states = [job["state"] for job in told]
         total = served.client.get("/api/v1/mechanisms").json()["total"]
         print(f"{clients} clients, {len(stored)} uploads and jobs, {settings.workers} workers, {wall_s:.1f} s")
-        print(f"{'route':18s} {'asked':>6s} {'p50, ms':>9s} {'p95, ms':>9s} {'most, ms':>9s}")
+        print(f"{'route':22s} {'asked':>6s} {'p50, ms':>9s} {'p95, ms':>9s} {'most, ms':>9s}")
         for route, times_s in sorted(took.items()):
             low, high = np.percentile(times_s, (50, 95)) * 1e3
-            print(f"{route:18s} {len(times_s):6d} {low:9.1f} {high:9.1f} {max(times_s) * 1e3:9.1f}")
+            print(f"{route:22s} {len(times_s):6d} {low:9.1f} {high:9.1f} {max(times_s) * 1e3:9.1f}")
         every_s = [one for route, times_s in took.items() for one in times_s]
-        print(f"{'all of them':18s} {len(every_s):6d} {'':9s} {np.percentile(every_s, 95) * 1e3:9.1f}")
+        print(f"{'all of them':22s} {len(every_s):6d} {'':9s} {np.percentile(every_s, 95) * 1e3:9.1f}")
         print(f"kept {total} of {uploads} uploads; jobs: {states.count('succeeded')} of {uploads} succeeded")
         if real:
             for kind in sorted({job["kind"] for job in told}):
                 took_s = [job["elapsed_s"] for job in told if job["kind"] == kind]
-                print(f"{kind:18s} {len(took_s):6d} jobs, {np.median(took_s):.0f} s each from start to end (median)")
+                print(f"{kind:22s} {len(took_s):6d} jobs, {np.median(took_s):.0f} s each from start to end (median)")
         else:
             ends = [served.ledger("end", job) for job in stored.values()]
             print(f"each done once: {ends.count(1)}; more than once: {sum(end > 1 for end in ends)}")
