@@ -3,7 +3,8 @@
 python -m benchmarks.service_load [--clients 50] [--uploads 200] [--real] [--postgres]
 
 Each client stores a drawing, asks for a job on it, looks at lists and files, and waits for its job.  Jobs are stood in
-for (0.2 s of waiting each) unless --real: then each is `linktwin simulate` of the four-bar.
+for (0.2 s of waiting each) unless --real: then they are in turn `simulate` and `jam` of the four-bar, `fit` and
+`diagnose` of the measured pendulum.
 """
 
 from __future__ import annotations
@@ -17,13 +18,14 @@ from collections import defaultdict
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
 
 from backend.service.settings import Settings
 from tests.service.postgres import postgres
-from tests.service.serving import FOURBAR, Served, serving, settings_in
+from tests.service.serving import FOURBAR, Served, pendulum, serving, settings_in
 
 LONGEST_S = 3600.0
 
@@ -43,7 +45,9 @@ class Timed:
         return answer
 
 
-def visit(served: Served, number: int, times: int, took: dict[str, list[float]], stored: dict[str, str]) -> None:
+def visit(
+    served: Served, number: int, times: int, took: dict[str, list[float]], stored: dict[str, str], real: bool
+) -> None:
     """One client: upload, ask, look, wait; `stored`: thing -> job."""
     with httpx.Client(base_url=served.client.base_url, timeout=120.0) as client:
         ask = Timed(client, took)
@@ -51,10 +55,11 @@ def visit(served: Served, number: int, times: int, took: dict[str, list[float]],
             name = f"client {number}, turn {turn}"
             text = FOURBAR.read_text().replace('"name": "fourbar"', f'"name": "{name}"').encode()
             headers = {"content-type": "application/json"}
-            thing = ask("POST mechanisms", "POST", "/api/v1/mechanisms", content=text, headers=headers).json()
+            first = ", first" if turn == 0 else ""  # of all clients at once
+            thing = ask(f"POST mechanisms{first}", "POST", "/api/v1/mechanisms", content=text, headers=headers).json()
             job = ask(
-                "POST jobs", "POST", "/api/v1/jobs", headers={"Idempotency-Key": name.replace(" ", "-")},
-                json={"kind": "simulate", "mechanism": thing["id"], "duration_s": 0.2},
+                f"POST jobs{first}", "POST", "/api/v1/jobs", headers={"Idempotency-Key": name.replace(" ", "-")},
+                json=wanted(ask, thing["id"], number * times + turn if real else 0),
             ).json()  # fmt: skip
             stored[thing["id"]] = job["id"]
             ask("GET mechanisms", "GET", "/api/v1/mechanisms", params={"limit": 20})
@@ -68,6 +73,16 @@ def visit(served: Served, number: int, times: int, took: dict[str, list[float]],
                 time.sleep(0.5)
 
 
+def wanted(ask: Timed, drawing: str, number: int) -> dict[str, Any]:
+    """What the job of that number is."""
+    kind = ("simulate", "jam", "fit", "diagnose")[number % 4]
+    if kind in ("simulate", "jam"):
+        return {"kind": kind, "mechanism": drawing, "duration_s": 0.2}
+    headers = {"content-type": "application/zip"}
+    study = ask("POST studies", "POST", "/api/v1/studies", content=pendulum(), headers=headers).json()["id"]
+    return {"kind": kind, "study": study, **({"free": ["coulomb_friction:pivot"]} if kind == "fit" else {})}
+
+
 def run(settings: Settings, folder: Path, clients: int, uploads: int, real: bool) -> None:
     """Print p50, p95 and largest of each route, and what became of every upload and job."""
     took: dict[str, list[float]] = defaultdict(list)
@@ -79,7 +94,7 @@ def run(settings: Settings, folder: Path, clients: int, uploads: int, real: bool
         def one(number: int) -> Callable[[], None]:
             def go() -> None:
                 try:
-                    visit(served, number, uploads // clients, took, stored)
+                    visit(served, number, uploads // clients, took, stored, real)
                 except Exception as error:
                     failures.append(f"{type(error).__name__}: {error}")
 
@@ -91,17 +106,22 @@ def run(settings: Settings, folder: Path, clients: int, uploads: int, real: bool
         for thread in threads:
             thread.join()
         wall_s = time.perf_counter() - began
-        states = [served.job(job)["state"] for job in stored.values()]
+        told = [served.job(job) for job in stored.values()]
+        states = [job["state"] for job in told]
         total = served.client.get("/api/v1/mechanisms").json()["total"]
         print(f"{clients} clients, {len(stored)} uploads and jobs, {settings.workers} workers, {wall_s:.1f} s")
-        print(f"{'route':18s} {'asked':>6s} {'p50, ms':>9s} {'p95, ms':>9s} {'most, ms':>9s}")
+        print(f"{'route':22s} {'asked':>6s} {'p50, ms':>9s} {'p95, ms':>9s} {'most, ms':>9s}")
         for route, times_s in sorted(took.items()):
             low, high = np.percentile(times_s, (50, 95)) * 1e3
-            print(f"{route:18s} {len(times_s):6d} {low:9.1f} {high:9.1f} {max(times_s) * 1e3:9.1f}")
+            print(f"{route:22s} {len(times_s):6d} {low:9.1f} {high:9.1f} {max(times_s) * 1e3:9.1f}")
         every_s = [one for route, times_s in took.items() for one in times_s]
-        print(f"{'all of them':18s} {len(every_s):6d} {'':9s} {np.percentile(every_s, 95) * 1e3:9.1f}")
+        print(f"{'all of them':22s} {len(every_s):6d} {'':9s} {np.percentile(every_s, 95) * 1e3:9.1f}")
         print(f"kept {total} of {uploads} uploads; jobs: {states.count('succeeded')} of {uploads} succeeded")
-        if not real:
+        if real:
+            for kind in sorted({job["kind"] for job in told}):
+                took_s = [job["elapsed_s"] for job in told if job["kind"] == kind]
+                print(f"{kind:22s} {len(took_s):6d} jobs, {np.median(took_s):.0f} s each from start to end (median)")
+        else:
             ends = [served.ledger("end", job) for job in stored.values()]
             print(f"each done once: {ends.count(1)}; more than once: {sum(end > 1 for end in ends)}")
         print("failures:", failures or "none")

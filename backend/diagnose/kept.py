@@ -57,9 +57,13 @@ class Kept:
                 f"{path} belongs to another diagnosis: the study or what is left out has changed since. Start again "
                 "without --resume."
             )
-        made = cls(path, belongs_to)  # anew, because a crash may have cut off its last line
-        for t in told[1:]:
-            made.note(t["fit"], np.array(t["x"], float), t["status"])
+        made = cls()
+        made.path, made.belongs_to = path, belongs_to
+        made._ends = {t["fit"]: (np.array(t["x"], float), t["status"]) for t in told[1:]}
+        # A crash may have cut off the last line, and may come again: the whole lines take the file's place at once.
+        part = path.with_name(path.name + ".part")
+        part.write_text("".join(json.dumps(t) + "\n" for t in told), encoding="utf-8")
+        os.replace(part, path)
         return made
 
     def __len__(self) -> int:

@@ -84,13 +84,14 @@ def _on_http(request: Request, error: Any) -> JSONResponse:
     if isinstance(error.__cause__, Problem):  # raised while a body was read
         return _answer(error.__cause__, request)
     details = {
+        400: "The body cannot be read; send JSON as UTF-8 text, not packed.",
         404: f"Nothing is at {request.url.path[:200]!r}; GET {API}/openapi.json to see what there is.",
         405: f"{request.method} is not taken here; the header Allow says what is.",
     }
     kind = BY_STATUS.get(error.status_code)
     if kind is None:
         kind = "internal" if error.status_code >= 500 else "malformed"
-    detail = details.get(error.status_code, f"{error.detail or phrase(error.status_code)}.")
+    detail = details.get(error.status_code, f"{(error.detail or phrase(error.status_code)).rstrip('.')}.")
     return _answer(Problem(kind, detail, headers=error.headers), request)
 
 

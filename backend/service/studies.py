@@ -23,6 +23,7 @@ from backend.service.service import Service
 from backend.service.things import keep_thing
 
 STUDY = "study.json"
+NAMED = (*TABLES, "video", "camera")  # what of an experiment names a file
 # Tables are read into memory: one study at a time, so that many uploads at once cannot fill it.
 _reading = BoundedSemaphore(1)
 
@@ -34,7 +35,11 @@ def store_study(service: Service, owner: str, files: Mapping[str, Path], name: s
     """
     taken = take_folder(files, service.settings)
     if STUDY not in taken:
-        raise Problem("invalid", f"There is no {STUDY} among the files; send it beside what it names.")
+        deeper = [path for path in taken if path.endswith(f"/{STUDY}")]
+        where = f", only {deeper[0]}" if deeper else ""
+        raise Problem(
+            "invalid", f"There is no {STUDY} at the top of what was sent{where}; send it beside what it names."
+        )
     with tempfile.TemporaryDirectory(dir=service.settings.scratch) as scratch:
         folder = lay_out(taken, Path(scratch))
         file, study = _read(service, taken, folder)
@@ -78,7 +83,7 @@ def _gather(service: Service, owner: str, told: dict[str, Any], scratch: Path) -
         take(reference, reference.path)
     told["mechanism"] = DRAWING
     for number, experiment in enumerate(told["experiments"], start=1):
-        for field in (*TABLES, "video"):
+        for field in NAMED:
             if field in experiment:
                 reference = follow(service, owner, experiment[field], None)[0]
                 suffix = Path(reference.path).suffix
@@ -108,7 +113,12 @@ def _refuse_strays(file: StudyFile, taken: Mapping[str, Path]) -> None:
     """Problem where the study names a file that was not sent."""
     named = [file.mechanism]
     for experiment in file.experiments:
-        named += [uri for field in (*TABLES, "video") if (uri := getattr(experiment, field)) is not None]
+        named += [uri for field in NAMED if (uri := getattr(experiment, field)) is not None]
+    if outside := [uri for uri in named if uri.startswith("../")]:
+        raise Problem(
+            "invalid",
+            f"{STUDY} names {', '.join(outside[:20])}, outside its folder; send it beside {STUDY}, and name it so.",
+        )
     if missing := [uri for uri in named if safe_path(uri) not in taken]:
         there = ", ".join(sorted(taken)[:20])
         raise Problem("invalid", f"{STUDY} names {', '.join(missing[:20])}, not among the files sent: {there}.")

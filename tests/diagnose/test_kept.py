@@ -19,6 +19,7 @@ def test_a_search_that_was_killed_finds_the_ends_of_its_fits(study, tmp_path):
     with path.open("a") as file:
         file.write('{"fit": "cut o')  # by the kill
     again = Kept.of(path, study, frozenset(), resume=True)
+    assert len(path.read_text().splitlines()) == 2  # the study's and the fit's: whole before the search goes on
     end, status = again.end_of(fit)
     np.testing.assert_array_equal(end, [1.0, 2.0])
     assert status == "converged"

@@ -15,6 +15,7 @@ import pytest
 import uvicorn
 
 from backend.service.app import create_app
+from backend.service.listen import protocol
 from backend.service.logs import write_logs
 from backend.service.service import Service, open_service
 from tests.service.serving import FOURBAR, settings_in
@@ -26,7 +27,8 @@ JSON = {"content-type": "application/json"}
 def asking(service: Service) -> Iterator[httpx.Client]:
     """A client of the service's application."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
-        server = uvicorn.Server(uvicorn.Config(create_app(service), log_config=None, access_log=False))
+        speaks = protocol(service.settings.stall_s)
+        server = uvicorn.Server(uvicorn.Config(create_app(service), log_config=None, access_log=False, http=speaks))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
         thread.start()
         try:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -45,6 +47,20 @@ def settings_in(folder: Path, **more: Any) -> Settings:
     return Settings(**{**quick, **more})
 
 
+def pendulum(*releases: str) -> bytes:
+    """The measured pendulum as a zip: a study of these of its releases, all where none is named."""
+    sample = ROOT / "samples" / "pendulum"
+    told = json.loads((sample / "measured" / "study.json").read_text())
+    kept = [one for one in told["experiments"] if not releases or one["id"] in releases]
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(sample / "mechanism.json", "mechanism.json")
+        for one in kept:
+            archive.write(sample / "measured" / one["tracks"], one["tracks"])
+        archive.writestr("study.json", json.dumps({**told, "mechanism": "mechanism.json", "experiments": kept}))
+    return packed.getvalue()
+
+
 @dataclass
 class Served:
     """A running service."""
@@ -62,9 +78,18 @@ class Served:
         assert answer.status_code == 201, answer.text
         return answer.json()["id"]
 
+    def store_study(self, folder: bytes) -> str:
+        """Store a study's zip; its id."""
+        answer = self.client.post("/api/v1/studies", content=folder, headers={"content-type": "application/zip"})
+        assert answer.status_code == 201, answer.text
+        return answer.json()["id"]
+
     def start(self, mechanism: str, headers: dict[str, str] | None = None, **options: Any) -> str:
         """Ask for a simulation; the job's id."""
-        asked = {"kind": "simulate", "mechanism": mechanism, **options}
+        return self.ask({"kind": "simulate", "mechanism": mechanism, **options}, headers)
+
+    def ask(self, asked: dict[str, Any], headers: dict[str, str] | None = None) -> str:
+        """Ask for a job; its id."""
         answer = self.client.post("/api/v1/jobs", json=asked, headers=headers)
         assert answer.status_code == 202, answer.text
         assert answer.headers["location"] == f"/api/v1/jobs/{answer.json()['id']}"

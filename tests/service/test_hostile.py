@@ -10,11 +10,13 @@ import time
 import zipfile
 from urllib.parse import urlsplit
 
+import httpx
 import pytest
 
+from backend.mechanism.study import ExperimentFile
 from tests.service.asked import refused
 from tests.service.conftest import JSON
-from tests.service.serving import FOURBAR
+from tests.service.serving import FOURBAR, events
 from tests.service.test_routes import STUDY, TRACKS, store_zip, zipped
 
 ZIP = {"content-type": "application/zip"}
@@ -102,7 +104,7 @@ def test_paths_inside_documents_do_not_lead_out_either(client, uri, mechanism):
     study = {**STUDY, "mechanism": mechanism}
     folder = {"mechanism.json": drawing_of(bodies=bodies), "e1.csv": TRACKS, "study.json": json.dumps(study)}
     refused(store_zip(client, "studies", folder), 422, "invalid")
-    for field in ("tracks", "video", "joint_positions"):
+    for field in set(ExperimentFile.model_fields) - {"id", "use", "release", "overrides"}:
         experiment = {"id": "e1", "release": {"time_s": 0.1}, field: "/etc/passwd"}
         folder |= {
             "mechanism.json": FOURBAR.read_bytes(),
@@ -185,8 +187,9 @@ def test_a_job_asked_for_with_what_json_cannot_say_is_refused(client, drawing):
         (box(b"ftyp", b"isom") + box(b"mdat", b"\0" * 1000), 422, "invalid"),
         (box(b"ftyp", b"isom") + struct.pack(">I4s", 3, b"moov"), 422, "invalid"),
         (box(b"ftyp", b"isom") + struct.pack(">I4sQ", 1, b"mdat", 2**63), 422, "invalid"),
+        (box(b"ftyp", b"isom") + box(b"moov", b"\0" * 1000)[:200], 422, "invalid"),
     ],
-    ids=["empty", "program", "garbage", "no index", "box too short", "box too long"],
+    ids=["empty", "program", "garbage", "no index", "box too short", "box too long", "index cut off"],
 )
 def test_a_clip_that_is_none_is_refused(client, content, status, kind):
     refused(client.put("/api/v1/videos", content=content), status, kind)
@@ -256,6 +259,34 @@ def test_many_silent_uploads_do_not_keep_others_from_being_answered(client):
     finally:
         for line in lines:
             line.close()
+
+
+WHOLE = b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+
+
+@pytest.mark.parametrize(
+    "sent", [b"", WHOLE[:30], WHOLE, WHOLE + b"\r\n"], ids=["nothing", "part", "whole", "and more"]
+)
+def test_a_connection_that_brings_no_request_is_closed(opened, sent):
+    # Two thousand that are left open keep everybody else out.
+    _, client = opened(stall_s=0.5)
+    address = urlsplit(str(client.base_url))
+    with socket.create_connection((address.hostname, address.port), timeout=20) as line:
+        line.sendall(sent)
+        answered = b""
+        while part := line.recv(65536):
+            answered += part
+    assert (b"200 OK" in answered) == (WHOLE in sent)
+
+
+def test_a_stream_of_events_may_last_longer_than_a_head_may_take(opened):
+    _, client = opened(stall_s=0.5)
+    drawn = client.post("/api/v1/mechanisms", content=FOURBAR.read_bytes(), headers=JSON).json()["id"]
+    job = client.post("/api/v1/jobs", json={"kind": "simulate", "mechanism": drawn}).json()["id"]
+    ending = threading.Timer(1.5, lambda: httpx.delete(f"{client.base_url}/api/v1/jobs/{job}"))
+    ending.start()
+    assert [name for name, _ in events(client, job)][-1] == "end"
+    ending.join()
 
 
 def test_a_table_that_unpacks_to_a_billion_rows_is_refused(client):

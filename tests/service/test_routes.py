@@ -1,5 +1,6 @@
 """The routes as their users meet them: stored things come back, every failure is a problem document."""
 
+import gzip
 import io
 import json
 import subprocess
@@ -145,6 +146,58 @@ def test_a_job_that_is_asked_for_wrongly_is_refused_with_the_field(client, drawi
         document = refused(client.post("/api/v1/jobs", json=wrong), 422, "invalid")
         assert any(field in fault for fault in document["errors"]), document
     refused(client.post("/api/v1/jobs", content="{", headers=JSON), 400, "malformed")
+
+
+def test_a_body_that_is_sent_as_something_else_is_refused_with_what_to_send(client, drawing):
+    job = json.dumps({"kind": "simulate", "mechanism": drawing})
+    for kind in ("application/x-www-form-urlencoded", "text/plain", ""):  # the first is what curl -d says
+        document = refused(client.post("/api/v1/jobs", content=job, headers={"content-type": kind}), 415, "wrong-type")
+        assert "application/json" in document["detail"]
+    assert client.post(
+        "/api/v1/jobs", content=job, headers={"content-type": "application/json; charset=utf-8"}
+    ).is_success
+    document = refused(client.put("/api/v1/videos", files={"file": b"\0" * 100}), 415, "wrong-type")
+    assert "curl -T" in document["detail"]
+    packed = {**JSON, "content-encoding": "gzip"}
+    for room in ("mechanisms", "studies"):
+        refused(client.post(f"/api/v1/{room}", content=gzip.compress(b"{}"), headers=packed), 415, "wrong-type")
+    document = refused(client.post("/api/v1/jobs", content=gzip.compress(b"{}"), headers=packed), 400, "malformed")
+    assert "not packed" in document["detail"]
+    refused(client.put("/api/v1/videos", content=gzip.compress(b"{}"), headers=packed), 415, "wrong-type")
+    no_form = {"content-type": "multipart/form-data"}
+    document = refused(client.post("/api/v1/mechanisms", content=b"{}", headers=no_form), 400, "malformed")
+    assert ".." not in document["detail"]
+
+
+@pytest.mark.parametrize(
+    ("top", "mechanism", "says"),
+    [
+        ("", "../mechanism.json", "names ../mechanism.json, outside its folder"),
+        ("measured/", "../mechanism.json", "only measured/study.json"),
+        ("", "drawing.json", "names drawing.json, not among the files sent"),
+    ],
+)
+def test_a_study_whose_files_lie_elsewhere_is_refused_with_where_to_put_them(client, top, mechanism, says):
+    folder = {"mechanism.json": FOURBAR.read_bytes(), f"{top}e1.csv": TRACKS}
+    folder[f"{top}study.json"] = json.dumps({**STUDY, "mechanism": mechanism})
+    assert says in refused(store_zip(client, "studies", folder), 422, "invalid")["detail"]
+
+
+def test_a_study_made_of_what_is_stored_takes_the_camera_along(client, drawing):
+    camera = json.dumps({"any": "camera"})
+    folder = {"mechanism.json": FOURBAR.read_bytes(), "e1.csv": TRACKS, "camera.json": camera}
+    folder["study.json"] = json.dumps(STUDY)
+    first = store_zip(client, "studies", folder).json()["id"]
+    there = {
+        field: f"studies/{first}/files/{name}" for field, name in (("tracks", "e1.csv"), ("camera", "camera.json"))
+    }
+    composed = {**STUDY, "mechanism": f"mechanisms/{drawing}", "experiments": [{**STUDY["experiments"][0], **there}]}
+    stored = client.post("/api/v1/studies", json=composed)
+    assert stored.status_code == 201, stored.text
+    files = {file["path"]: file["url"] for file in stored.json()["files"]}
+    assert client.get(files["experiment_1_camera.json"]).text == camera
+    (experiment,) = client.get(files["study.json"]).json()["experiments"]
+    assert experiment["camera"] == "experiment_1_camera.json"
 
 
 def test_health_tells_of_workers_and_jobs(client, drawing):

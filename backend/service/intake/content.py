@@ -62,6 +62,8 @@ def _boxes(file: Path) -> str | None:
                 return f"has a damaged box at byte {at}"
             seen.append(kind)
             at += length
+            if kind == b"moov" and at > size:
+                return f"ends inside its index (moov), which takes {length} bytes"
     return None if b"moov" in seen else "has no index (moov): its recording was cut off, or it is no MP4"
 
 

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Body, Header, Query, Response
+from fastapi import APIRouter, Body, Depends, Header, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from sse_starlette import EventSourceResponse, ServerSentEvent
 
@@ -41,6 +41,7 @@ from backend.service.jobs.requests import JobRequest
 from backend.service.problems import Problem
 from backend.service.records import FINISHED, State
 from backend.service.routes.things import FILE, FilePath, send_file
+from backend.service.routes.uploads import json_alone
 from backend.service.service import Service
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
@@ -69,7 +70,10 @@ RepeatKey = Annotated[
 _streams: Counter[str] = Counter()
 
 
-@router.post("", status_code=202, responses=may_fail("not-found", "too-large", "too-slow", "wrong-type"))
+@router.post(
+    "", status_code=202, responses=may_fail("not-found", "too-large", "too-slow", "wrong-type"),
+    dependencies=[Depends(json_alone)],
+)  # fmt: skip
 def post_job(
     request: Annotated[JobRequest, Body(openapi_examples=EXAMPLES)],  # pyright: ignore[reportArgumentType]
     response: Response,

@@ -15,7 +15,7 @@ from backend.service.mechanisms import faulty, store_mechanism, store_mechanism_
 from backend.service.problems import Problem
 from backend.service.records import Thing
 from backend.service.routes.things import add_routes
-from backend.service.routes.uploads import folder_body, received, received_folder
+from backend.service.routes.uploads import FORM, folder_body, kind_of_body, received, received_folder
 from backend.service.service import Service
 from backend.service.studies import STUDY, compose_study, store_study
 from backend.service.things import files_of
@@ -89,6 +89,8 @@ async def put_video(
 ) -> ThingAnswer:
     """Each upload is a video of its own; the answer's Location says where."""
     name = _plain(name)
+    if kind_of_body(request) == FORM:
+        raise Problem("wrong-type", "A clip comes as its bytes, not as a form; send it as `curl -T clip.mp4` does.")
     async with received(request, service) as body:
         thing = await run_in_threadpool(store_video, service, owner, body, name)
     return await _created(response, service, thing)

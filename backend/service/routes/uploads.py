@@ -12,7 +12,7 @@ from typing import Any
 from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
 from starlette.datastructures import UploadFile
-from starlette.formparsers import MultiPartException
+from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from backend.service.intake.folder import unpack
@@ -39,6 +39,19 @@ def folder_body(what: str, example: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def kind_of_body(request: Request) -> str:
+    """What the body is said to be; Problem `wrong-type` where it was packed for the way."""
+    if (coding := request.headers.get("content-encoding", "")).lower() not in ("", "identity"):
+        raise Problem("wrong-type", f"Content-Encoding is {coding[:60]!r}; send the bytes as they are.")
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
+def json_alone(request: Request) -> None:
+    """Problem `wrong-type` for a body that is not said to be JSON."""
+    if (kind := kind_of_body(request)) != JSON:
+        raise Problem("wrong-type", f"Content-Type is {kind[:60]!r}; send {JSON}.")
+
+
 @asynccontextmanager
 async def received(request: Request, service: Service) -> AsyncIterator[Path]:
     """The body as a file, which goes when the request is answered."""
@@ -61,7 +74,7 @@ async def received_folder(
     folder: Callable[[Mapping[str, Path]], Any],
 ) -> Any:
     """Hand a body on: JSON to `document`, files (path -> file) to `folder`, in a thread; what they return."""
-    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    kind = kind_of_body(request)
     if kind == FORM:
         with tempfile.TemporaryDirectory(dir=service.settings.scratch, prefix="upload-") as place:
             files = await _form(request, service, Path(place))
@@ -93,8 +106,10 @@ async def _form(request: Request, service: Service, place: Path) -> dict[str, Pa
             return files
     except ClientDisconnect:
         raise Problem("malformed", "The upload broke off; send it again.") from None
-    except MultiPartException as error:
-        raise Problem("malformed", f"The form cannot be read ({error.message}); send files as parts.") from None
+    except HTTPException as error:
+        raise Problem(
+            "malformed", f"The form cannot be read ({error.detail.rstrip('.')}); send files as parts."
+        ) from None
 
 
 def _copy(part: UploadFile, path: Path) -> None:

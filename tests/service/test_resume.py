@@ -1,0 +1,53 @@
+"""A real fit whose worker is killed goes on from its last accepted step, ends once, and ends where it would have."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+from backend.service.service import open_service
+from backend.service.settings import Settings
+from backend.service.things import CHECKPOINT, files_of
+from tests.service.serving import pendulum, serving, settings_in, until
+
+
+def test_a_real_fit_whose_worker_is_killed_goes_on_where_it_was(tmp_path):
+    settings = settings_in(tmp_path, workers=1, checkpoint_s=0.1, job_command=Settings().job_command)
+    with serving(tmp_path, settings) as served:
+        records = open_service(settings)
+        study = served.store_study(pendulum("low"))
+        asked = {"kind": "fit", "study": study, "free": ["coulomb_friction:pivot"]}
+
+        def kept(id: str) -> list:
+            files = [file for file in files_of(records, CHECKPOINT + id) if file.path == "fit.checkpoint.json"]
+            stages = json.loads(records.storage.read(files[0].key))["stages"] if files else []
+            return [step for stage in stages for step in stage["history"]]
+
+        whole, cut = served.ask(asked), served.ask(asked)
+        assert served.finished(whole)["attempt"] == 1
+        until("some steps are kept", lambda: len(kept(cut)) >= 3)
+        (worker,) = served.processes("backend.service.jobs")
+        os.kill(worker, signal.SIGKILL)
+        steps = kept(cut)
+        assert "--resume" in until("it is begun again", lambda: _command_after(served, worker, cut))
+        job = served.finished(cut)
+        assert (job["state"], job["attempt"]) == ("succeeded", 2), job
+        first, second = (served.client.get(f"/api/v1/jobs/{id}/files/fit.json").json() for id in (whole, cut))
+        assert [step["objective"] for step in second["history"]][: len(steps)] == [
+            objective for objective, _, _ in steps
+        ]
+        (one,), (other,) = first["parameters"], second["parameters"]
+        assert abs(one["value"] - other["value"]) < 0.01 * one["sd"]
+        assert abs(one["sd"] / other["sd"] - 1) < 1e-3
+        records.close()
+
+
+def _command_after(served, killed: int, id: str) -> list[str] | None:
+    """The command line of a job's process under another worker."""
+    for worker in served.processes("backend.service.jobs"):
+        for task in Path(f"/proc/{worker}/task").glob("*/children"):
+            for child in task.read_text().split():
+                words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
+                if worker != killed and any(id in word for word in words):
+                    return words
+    return None
