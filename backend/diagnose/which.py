@@ -167,27 +167,38 @@ class Search:
         return best or whole
 
     def level(self, parents: Sequence[Cause], refits: int) -> list[Cause]:
-        """Each parent with one more candidate: the most promising, refitted over what any of them can follow."""
+        """Each parent with one more candidate: the most promising, refitted over what any of them can follow. A form
+        that contains a simpler one is tried where the simpler came out best.
+        """
         made: list[Cause] = []
         for parent in parents:
             about = self.screen(parent)
             free = [c for c in self.subject.library.candidates if _new(c, parent) and not c.sought]
-            promising = about.ranking(free)[:refits]
+            wider = _containing(about, free)
+            plain = [c for c in free if all(c not in forms for forms in wider.values())]
             fits: list[Fitted] = []
-            for candidate, gain in promising:
+            for candidate, gain in about.ranking(plain)[:refits]:
                 if gain <= 0.0 or self.cancelled():
                     break
-                names = tuple(sorted([*parent.names, candidate.name]))
-                if names in self.tried:
-                    continue
-                self.tell(f"trying {' + '.join(names)}")
-                choice = self.subject.choose(*parent.candidates, candidate)
-                begin, values = self._beginning(parent.fitted, about, candidate, fits)
-                fitted = fit(self.subject, choice, start=_from(begin, choice, values), fractions=self._horizons(parent))
-                if np.isfinite(fitted.chi2):  # a set that loses the motion from its start explains nothing
-                    fits.append(fitted)
+                self._join(parent, about, candidate, fits)
+            if fits:
+                best = min(fits, key=lambda f: f.chi2).choice.candidates[-1]
+                for candidate in wider.get(best.name, ()):
+                    self._join(parent, about, candidate, fits)
             made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
+
+    def _join(self, parent: Cause, about: Screen, candidate: Candidate, fits: list[Fitted]) -> None:
+        """Fit a parent with one candidate more, unless that was tried."""
+        names = tuple(sorted([*parent.names, candidate.name]))
+        if names in self.tried or self.cancelled():
+            return
+        self.tell(f"trying {' + '.join(names)}")
+        choice = self.subject.choose(*parent.candidates, candidate)
+        begin, values = self._beginning(parent.fitted, about, candidate, fits)
+        fitted = fit(self.subject, choice, start=_from(begin, choice, values), fractions=self._horizons(parent))
+        if np.isfinite(fitted.chi2):  # a set that loses the motion from its start explains nothing
+            fits.append(fitted)
 
     def _beginning(
         self, parent: Fitted, about: Screen, candidate: Candidate, fits: Sequence[Fitted]
@@ -348,6 +359,23 @@ def _in_order(fitted: Fitted) -> bool:
             if spec.at_least in own and name in own and own[name] < own[spec.at_least]:
                 return False
     return True
+
+
+def _containing(about: Screen, candidates: Sequence[Candidate]) -> dict[str, list[Candidate]]:
+    """Forms with a shape of their own, by the name of a simpler candidate at the same place that each contains."""
+    found: dict[str, list[Candidate]] = {}
+    for wide in candidates:
+        if any(wide.tries):
+            for c in candidates:
+                if c.on == wide.on and len(c.parameters) == 1 and _contains(about, wide, c):
+                    found.setdefault(c.name, []).append(wide)
+                    break
+    return found
+
+
+def _contains(about: Screen, wide: Candidate, c: Candidate) -> bool:
+    done = about.signature(c)[:, 0]
+    return bool(np.any(done)) and about.imitated(wide, done) is not None
 
 
 def _new(candidate: Candidate, parent: Cause) -> bool:
