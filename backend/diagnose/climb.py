@@ -28,6 +28,7 @@ WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 STRICT = 1e-3  # p of what is left on held-out experiments, below which it is no chance
 WIDE = 1e4  # noise variances a sample: a gap that large counts no more
 SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
+BLOWS = 0.15  # the same where parts strike: nobody knows the law of a blow better
 IN_REACH = 0.3  # of what is left: less than the whole library could take is not worth a search for sets
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
@@ -116,6 +117,9 @@ class Climb:
                 self.search.tried[cause.names] = cause
                 if self._likelier(cause, best):
                     best, last = self._judged(cause, search)
+            if search.tried.get(best.names) is best and (closer := search.closer(best)) is not best:
+                self.search.tried[closer.names] = closer
+                best, last = self._judged(closer, search)
             if self._settled(best, last):
                 break
             if best.names in search.tried and len(best.candidates) < SURE:
@@ -214,10 +218,16 @@ class Climb:
         left, drawn = self.search.left(cause, self.scale), self.search.left(self.baseline, self.scale)
         if left is None or drawn is None or left.p > STRICT:
             return False
-        return left.excess >= SMALL**2 * np.clip(drawn.excess, 0.0, WIDE)
+        return left.excess >= form(cause) ** 2 * np.clip(drawn.excess, 0.0, WIDE)
+
+    def slight(self, cause: Cause, judged: Adequacy) -> bool:
+        """Whether what a cause leaves is what its form may leave of such a gap."""
+        base = max(self.at_base.excess, 0.0)
+        return self.search.followed == 1.0 and max(judged.excess, 0.0) < form(cause) ** 2 * base
 
     def _settled(self, cause: Cause, judged: Adequacy) -> bool:
-        return self.enough(judged) and not self.refused(cause)
+        as_blows = form(cause) > SMALL and self.slight(cause, judged)
+        return (self.enough(judged) or as_blows) and not self.refused(cause)
 
     def _better(self, top: Cause, best: Cause, judged: Adequacy, found: Adequacy) -> bool:
         """Whether one more effect earned its place."""
@@ -260,3 +270,9 @@ class Climb:
 
     def _cancelled(self) -> bool:
         return self.search.cancelled()
+
+
+def form(cause: Cause) -> float:
+    """Share of a gap's size that the right cause may leave, because no law is exact."""
+    strikes = any(c.family not in (SMOOTH, LOAD) for c in cause.candidates)
+    return BLOWS if strikes else SMALL

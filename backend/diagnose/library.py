@@ -7,8 +7,9 @@ one compiled program serves them all.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -26,11 +27,13 @@ from backend.mechanism.effect import Effect
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import Tolerance
 from backend.model.build import build
+from backend.model.model import ParameterRow
 
 SWITCHING = (AbstractJointClearance, AbstractJointStop, AbstractSection)  # nothing to first order while absent
 DECLARED_ONLY = (AbstractLinkContact,)  # their geometry must be drawn
 SMOOTH, LOAD = "smooth", "load"
 TIGHT = 1e-6  # mechanism lengths: play of a pin that is as good as none
+GIVES = (10.0, 1.0, 0.1)  # of the softest stiffness that nobody need state: where a search for it begins
 OF_DRAWN = 0.3  # of a value that is drawn: how far it may be off before any data
 KNOWN_ENOUGH = 3.0  # a tolerance of a drawing is a finding beyond so many of its standard deviations
 
@@ -53,6 +56,9 @@ class Candidate:
     """For each of its numbers, values worth trying where its slope is nothing; empty for sizes, which have one."""
     partial: bool = False
     """Whether it frees one number of several that are absent each by itself, as the ends of a joint's travel are."""
+    closer: tuple[Candidate, ...] = ()
+    """The same, with what nobody states of it free as well: how the walls of a hole give, give back and rub. One for
+    each size to begin from."""
 
     @property
     def name(self) -> str:
@@ -170,10 +176,16 @@ def library(
     ]
     loose_pins = {k for k in wanted if issubclass(catalogue()[k], AbstractJointClearance)}
     tight = TIGHT * float(build(mechanism).scale.length_m)
-    neutral = tuple(tight if p.kind in loose_pins and p.name not in known else p.start for p in found)
+    neutral = tuple(
+        tight if p.kind in loose_pins and sd is not None and p.name not in known else p.start
+        for p, sd in zip(found, wide, strict=True)
+    )
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
     nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
-    candidates = tuple(c for c in _candidates(mechanism, wanted, as_causes, found, tries) if c.kind not in without)
+    unstated = {i: around for i, (p, row) in enumerate(zip(found, rows, strict=True)) if (around := _around(p, row))}
+    candidates = tuple(
+        c for c in _candidates(mechanism, wanted, as_causes, found, tries, unstated) if c.kind not in without
+    )
     return Library(family, parameters, tuple(added.values()), candidates, nuisances, neutral)
 
 
@@ -193,7 +205,10 @@ def _out_of_reach(p: FreeParameter, sd: float | None) -> bool:
 def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
     """The kind everywhere; place by place where it cannot act at all of them."""
     declared = catalogue()[kind].declarations().items()
-    named = [f"{kind}:*.{name}" for name, d in declared if d.by_name and d.expected is not None]
+    named = [
+        f"{kind}:*.{name}" for name, d in declared
+        if d.by_name and (d.expected is not None or d.unstated is not None)
+    ]  # fmt: skip
     try:
         freedom = free_parameters(mechanism, [f"{kind}:*", *named])
     except ValueError:
@@ -219,6 +234,7 @@ def _candidates(
     parameters: Sequence[FreeParameter],
     drawn: Sequence[FreeParameter],
     tries: Sequence[tuple[float, ...]],
+    unstated: Mapping[int, Sequence[tuple[float, float]]],
 ) -> Iterator[Candidate]:
     for kind in kinds:
         family = family_of(catalogue()[kind])
@@ -232,7 +248,9 @@ def _candidates(
                 own = tuple(parameters[i] for i in each)
                 takes = tuple((i,) for i in each)
                 worth = tuple(tries[i] for i in each)
-                yield Candidate(kind, on, _places(mechanism, on), own, takes, family, worth, len(far) > 1)
+                made = Candidate(kind, on, _places(mechanism, on), own, takes, family, worth, len(far) > 1)
+                rest = [i for i, p in enumerate(parameters) if p.kind == kind and p.on == on and i in unstated]
+                yield replace(made, closer=_closer(made, parameters, {i: unstated[i] for i in rest}))
         if len(at) < 2 or (family != SMOOTH and family != LOAD):
             continue
         alike: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
@@ -245,6 +263,38 @@ def _candidates(
                 everywhere = tuple(o for on in ons for o in on)
                 worth = tuple(tries[t[0]] for t in takes)
                 yield Candidate(kind, everywhere, _places(mechanism, everywhere), own, takes, family, worth)
+
+
+def _around(p: FreeParameter, row: ParameterRow) -> list[tuple[float, float]]:
+    """Where a number that nobody states may begin, and its sd about there; a stiffness by its order of magnitude."""
+    held, far = row.declaration.default, row.declaration.unstated
+    if held is None or far is None or p.start != held:
+        return []
+    if held > far > 0.0:
+        return [(far * f, 5.0 * far * f) for f in GIVES]
+    return [(held, 0.5 * abs(far - held))]
+
+
+def _closer(
+    made: Candidate, parameters: Sequence[FreeParameter], unstated: Mapping[int, Sequence[tuple[float, float]]]
+) -> tuple[Candidate, ...]:
+    if not unstated:
+        return ()
+    found = []
+    for begin in product(*unstated.values()):
+        more = tuple(
+            replace(parameters[i], start=start, prior_sd=sd, upper=min(parameters[i].upper, start + 2.0 * sd))
+            for i, (start, sd) in zip(unstated, begin, strict=True)
+        )
+        found.append(
+            replace(
+                made,
+                parameters=made.parameters + more,
+                takes=(*made.takes, *((i,) for i in unstated)),
+                tries=made.tries + ((0.0,),) * len(more),
+            )
+        )
+    return tuple(found)
 
 
 def _places(mechanism: Mechanism, on: Sequence[str]) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, weigh
-from backend.diagnose.climb import ALPHA, NEAR, SMALL, STRICT, SURE, WIDE, Climb
+from backend.diagnose.climb import ALPHA, NEAR, STRICT, SURE, WIDE, Climb, form
 from backend.diagnose.kept import Kept
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.library import SMOOTH, library
@@ -118,7 +118,7 @@ class _Inquiry:
         climb = Climb(self.study, self.search, baseline, at_base, self.rng, self.scale, self.tolerance_m, self.without)
         best, last = climb.confirmed(*climb.switching(*climb.smooth(singles)))
         self.scale = climb.scale
-        return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb.enough(last))
+        return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb)
 
     def doubtful(self, baseline: Cause, singles: list[Cause]) -> bool:
         """Whether nothing amiss is likelier than any cause or unknown law, though a test found the data unusual."""
@@ -138,17 +138,17 @@ class _Inquiry:
         return tuple(held_out_tests(cause.fitted, self.scale))
 
     def judge(
-        self, baseline, best: Cause, last: Adequacy, about, latent, at_base, p, model_free, first, enough: bool
+        self, baseline, best: Cause, last: Adequacy, about, latent, at_base, p, model_free, first, climb: Climb
     ) -> Diagnosis:
-        """The verdict, from adequacy here (`enough`: nothing smooth is left) and on the held-out experiments."""
+        """The verdict, from adequacy here and on the held-out experiments."""
         after = self.held_out(best)
         shrunk = shrinkage(first, after, self.rng) if first else None
-        small = max(last.excess, 0.0) < SMALL**2 * max(at_base.excess, 0.0) and baseline.fitted.fraction == 1.0
-        fits = enough or small
+        enough = climb.enough(last)
+        fits = enough or climb.slight(best, last)
         left, drawn = self.search.left(best, self.scale), self.search.left(baseline, self.scale)
         if left is not None and drawn is not None:
             self.tell(f"on held-out experiments {left.excess:.3g} of the noise's power is left, p {left.p:.2g}")
-            slight = left.excess < SMALL**2 * np.clip(drawn.excess, 0.0, WIDE)
+            slight = left.excess < form(best) ** 2 * np.clip(drawn.excess, 0.0, WIDE)
             fits = fits and (left.p > STRICT or slight or (shrunk is not None and self.tolerated(shrunk)))
         if shrunk is not None and shrunk.explained is not None:
             removed = shrunk.explained
@@ -169,7 +169,8 @@ class _Inquiry:
     ) -> Diagnosis:  # fmt: skip
         """Probabilities, pictures' material and the report."""
         self.tell("weighing the explanations")
-        soft = 1.0 if verdict in ("none", "identified") else softness(scaled(best.fitted, self.scale))
+        exact = verdict == "none" or (verdict == "identified" and enough)
+        soft = 1.0 if exact else softness(scaled(best.fitted, self.scale))
         if best.candidates:
             raw = forces(best.fitted.subject, best.fitted)
             near = responses(best.fitted.subject, best.fitted, raw)

@@ -285,6 +285,27 @@ class Search:
                 made.append(self._keep(fitted))
         return sorted(made, key=lambda c: -c.log_z)
 
+    def closer(self, cause: Cause) -> Cause:
+        """A single cause with what nobody states of it free as well, where that makes it likelier."""
+        ways = [c for c in cause.candidates[0].closer if len(cause.candidates) == 1]
+        if not ways or self.cancelled():
+            return cause
+        self.tell(f"trying {cause.names[0]} with walls that give, give back and rub")
+        first = [
+            fit(self.subject, choice, start=_from(cause.fitted, choice), fractions=GROWING[:1], max_iterations=4)
+            for choice in map(self.subject.choose, ways)
+        ]
+        first = [f for f in first if np.isfinite(f.chi2)]
+        if not first:
+            return cause
+        begun = min(first, key=lambda f: f.chi2)
+        made = fit(self.subject, begun.choice, start=begun.x, fractions=GROWING[1:])
+        found = Cause(made, log_evidence(made))
+        if not found.log_z > cause.log_z:
+            return cause
+        self.tried[found.names] = found
+        return found
+
     def _grown(self, choice: Choice, values: dict[str, float], drawn: Fitted, rival: Fitted) -> Fitted | None:
         """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one, or
         far more than its rival does.
