@@ -27,6 +27,8 @@ def joint_effort(laws: Laws, time_s: float, angle: np.ndarray, rate: np.ndarray)
         over, under = angle - laws.upper, laws.lower - angle
         effort = effort - hunt_crossley(over, rate, laws.stop_stiffness, STOP_LOSS_S_PER_RAD)
         effort = effort + hunt_crossley(under, -rate, laws.stop_stiffness, STOP_LOSS_S_PER_RAD)
+    if laws.has("one_way"):
+        effort = effort - laws.one_way * np.maximum(rate, 0.0)
     if laws.has("cog"):
         effort = effort + laws.cog * np.sin(laws.cog_count * angle + laws.cog_phase)
     if laws.has("wire"):
@@ -52,20 +54,17 @@ def friction(
     if laws.has("bump"):
         limit = limit + laws.bump * np.exp(-0.5 * ((angle - laws.bump_at) / np.maximum(laws.bump_width, 1e-9)) ** 2)
     creep = np.where(turning, CREEP_RAD_PER_S, CREEP_M_PER_S)
-    one_way = 0.0
-    if laws.has("one_way"):
-        one_way = -laws.one_way * 0.5 * (1 + np.tanh(rate / creep)) * np.tanh(rate / creep)
     level = 1.0
     if laws.has("stribeck_excess"):
         level = 1 + laws.stribeck_excess * np.exp(-((rate / np.maximum(laws.stribeck_rate, 1e-9)) ** 2))
     if bristle is None:
-        return one_way - limit * level * np.tanh(rate / creep), np.zeros_like(rate)
+        return -limit * level * np.tanh(rate / creep), np.zeros_like(rate)
     bend = np.where(turning, BRISTLE_RAD, BRISTLE_M)
     dry = (laws.coulomb + laws.rub + laws.bump) > 0
     bending = dry * (rate - np.abs(rate) * bristle / level) / bend
     # The bristles' own damping fades as they slide (Olsson 1996), or it would add a viscous friction.
     fading = np.exp(-((rate / creep) ** 2))
-    return one_way - limit * (bristle + BRISTLE_DAMPING_S * fading * bending), bending
+    return -limit * (bristle + BRISTLE_DAMPING_S * fading * bending), bending
 
 
 def strut(linkage: Linkage, laws: Laws, gap: np.ndarray) -> np.ndarray:

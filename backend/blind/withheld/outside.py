@@ -89,7 +89,9 @@ def _wire(rig, i, size, rng):
     return {}, [Change("wire", i, size * rig.torque), Change("wire_from", i, start, sized=False)]
 
 
-@kind("one_way_friction", "hinge", 0.01, 0.1, known=False)
+@kind("one_way_damper", "hinge", 0.01, 0.1, known=False)
 def _one_way(rig, i, size, rng):
-    """A pawl: dry friction in one direction only."""
-    return {}, [Change("one_way", i, size * rig.torque)]
+    """A check valve: viscous friction in one direction only. (Dry friction in one direction is dry friction in both
+    with an offset, which a library has.)
+    """
+    return {}, [Change("one_way", i, size * rig.torque / rig.rate)]

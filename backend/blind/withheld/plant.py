@@ -47,7 +47,7 @@ class Plant:
         self.tree = tree = Tree(linkage, [int(j) for j in loose])
         self.n, self.pins = tree.n, len(linkage.pins)
         links = linkage.links
-        self.rubs = laws.has("coulomb", "rub", "bump", "one_way")
+        self.rubs = laws.has("coulomb", "rub", "bump")
         self.bristles = crisp and laws.has("coulomb", "rub", "bump")
         self.yields, self.sloshes = laws.has("yielding"), laws.has("slosh")
         self.mass = np.array([link.mass for link in links]) * (1 + laws.heavier)
