@@ -26,22 +26,22 @@ class Factor(NamedTuple):
 def factor(
     topology: Topology,
     bodies: Float[Array, "slots 6 6"],
-    left: Float[Array, "joints r 12"],
-    right: Float[Array, "joints r 12"],
+    left: Float[Array, "joints 6 12"],
+    stiffness: Float[Array, "joints 6"] | Float[Array, "joints 6 6"],
+    right: Float[Array, "joints 6 12"],
     others: Float[Array, "others 12 12"],
 ) -> Factor:
     """Eliminate level by level a matrix over the body graph.
 
-    It has a block on every body, leftᵀ right between the bodies of every joint, and one block for each other link.
+    It has a block on every body, leftᵀ K right between the bodies of every joint (K the stiffness of its rows, or of
+    each row by itself), and one block for each other link.
     """
     levels, width, n = topology.levels, topology.width, 6 * topology.width
     if topology.slots and kernel.available():
-        return Factor(
-            *kernel.factor(
-                levels, width, topology.joints + topology.struts + topology.touches, bodies, left, right, others
-            )
-        )
-    links = jnp.concatenate([jnp.einsum("jri,jrk->jik", left, right), others])
+        pairs = topology.joints + topology.struts + topology.touches
+        return Factor(*kernel.factor(levels, width, pairs, bodies, left, stiffness, right, others))
+    pull = stiffness[:, :, None] * right if stiffness.ndim == 2 else jnp.einsum("jrs,jsk->jrk", stiffness, right)
+    links = jnp.concatenate([jnp.einsum("jri,jrk->jik", left, pull), others])
     blocks = links.reshape(-1, 2, 6, 2, 6).transpose(0, 1, 3, 2, 4).reshape(-1, 6, 6)
     blocks = jnp.concatenate([blocks, jnp.zeros((1, 6, 6))])
     diagonal, upper, lower = (
