@@ -181,15 +181,28 @@ bool invert_in_order(Fixed<N>, double* __restrict a) {
 
 inline bool invert_in_order(Loose, double*) { return false; }
 
+// What a . b is the total of; n is a multiple of the lanes.
+template <class Lanes>
+inline Lanes products(int n, const double* a, const double* b) {
+  Lanes sum = {};
+  for (int k = 0; k < n; k += sizeof(Lanes) / sizeof(double)) {
+    Lanes of_a, of_b;
+    std::memcpy(&of_a, a + k, sizeof of_a);
+    std::memcpy(&of_b, b + k, sizeof of_b);
+    sum += of_a * of_b;
+  }
+  return sum;
+}
+
+inline double total(const Two& x) { return x[0] + x[1]; }
+inline double total(const Four& x) { return (x[0] + x[1]) + (x[2] + x[3]); }
+
 // y += sign a x
 template <class Size>
 void apply(Size n, double sign, const double* __restrict a, const double* __restrict x, double* __restrict y) {
-  for (int row = 0; row < n; row += BODY) {
-    double sum[BODY][2] = {};
-    for (int k = 0; k < n; k += 2)
-      for (int i = 0; i < BODY; ++i)
-        for (int j = 0; j < 2; ++j) sum[i][j] += a[(row + i) * n + k + j] * x[k + j];
-    for (int i = 0; i < BODY; ++i) y[row + i] += sign * (sum[i][0] + sum[i][1]);
+  for (int i = 0; i < n; ++i) {
+    const double* row = a + i * n;
+    y[i] += sign * (n % 4 == 0 ? total(products<Four>(n, row, x)) : total(products<Two>(n, row, x)));
   }
 }
 
