@@ -152,7 +152,7 @@ def _cancel(system: System, here: Array, there: Array, residual: Correction) -> 
     top, bottom = jnp.concatenate([mass, zero], -1), jnp.concatenate([zero, system.inertia], -1)
     rhs = forces.collect(system.topology.joint_sides, jnp.sum(here * offset[:, :, None], 1)) - residual.xi
     own = jnp.concatenate([top, bottom], -2)
-    factored = linear.factor(system.topology, own, here, weight[:, :, None] * there, others)
+    factored = linear.factor(system.topology, own, here, weight, there, others)
     xi = linear.solve(factored, rhs)
     return Correction(xi, offset - weight * jnp.sum(there * _pairs(system, xi)[:, None, :], -1))
 

@@ -265,7 +265,6 @@ def linearise(system: System, at: Frame, unknowns: Unknowns, led: There) -> Line
     turn = tangent_map(xi[:, 3:])
     there = _along_increments(system, led.rows.jacobian, turn)
     slope = law.slope(system, at.drive, led.moved, impulses)
-    answer = law.answer(system, slope, there)
     own = momentum_slope(system, xi, at.step_s)
     if system.drags:
         drag = forces.drag_slope(system, at.bodies, _mean_velocity(at, xi))
@@ -276,7 +275,7 @@ def linearise(system: System, at: Frame, unknowns: Unknowns, led: There) -> Line
     touch = meeting.slope(system, at.meeting, xi, impulses, turn)
     own = own + touch.on_bodies
     others = jnp.concatenate([others, touch.between])
-    factor = linear.factor(system.topology, own, at.jacobian, answer, others)
+    factor = linear.factor(system.topology, own, at.jacobian, slope.stiffness, there, others)
     return Linearised(factor, at.jacobian, there, slope, touch, impulses, turn)
 
 

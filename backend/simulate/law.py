@@ -54,10 +54,9 @@ class Drive(NamedTuple):
 class Slope(NamedTuple):
     """δλ = l₀ - K δy at one point of the law."""
 
-    diagonal: Float[Array, "joints 6"]
-    """K of the rows by themselves."""
-    full: Float[Array, "joints 6 6"] | None
-    """K, where rows depend on each other: walls, and friction that grows with the load."""
+    stiffness: Float[Array, "joints 6"] | Float[Array, "joints 6 6"]
+    """K: of each row by itself, or full where rows depend on each other (walls, and friction that grows with the load).
+    """
     load_friction: Float[Array, "joints 2"]
     walls: contact.Slope
 
@@ -112,7 +111,7 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
     diagonal = jnp.where(held(system), 1.0 / system.compliance, jnp.where(free(system), own[:, None], 0.0))
     friction = jnp.zeros((moved.shape[0], 2))
     if not contacts.count and not system.load_dependent:
-        return Slope(diagonal, None, friction, walls)
+        return Slope(diagonal, friction, walls)
     full = diagonal[:, :, None] * jnp.eye(6)
     if contacts.count:
         selection = contacts.selection
@@ -124,7 +123,7 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
         friction = (system.dry_per_load * moved / rounded / load)[:, None] * impulses.rows[:, :2]
         coupled = jnp.sum(friction[:, :, None] * full[:, :2], 1)
         full = full - jnp.where(free(system)[:, :, None], coupled[:, None, :], 0.0)
-    return Slope(diagonal, full, friction, walls)
+    return Slope(full, friction, walls)
 
 
 def offset(system: System, at: Slope, impulses: Impulses, wanted: Impulses) -> tuple[Array, Push]:
@@ -140,18 +139,11 @@ def offset(system: System, at: Slope, impulses: Impulses, wanted: Impulses) -> t
     return change, walls
 
 
-def answer(system: System, at: Slope, jacobian: Float[Array, "joints 6 12"]) -> Float[Array, "joints 6 12"]:
-    """K J."""
-    if at.full is None:
-        return at.diagonal[:, :, None] * jacobian
-    return jnp.einsum("jrs,jsk->jrk", at.full, jacobian)
-
-
 def react(system: System, at: Slope, dy: Float[Array, "joints 6"]) -> Float[Array, "joints 6"]:
     """K δy."""
-    if at.full is None:
-        return at.diagonal * dy
-    return jnp.sum(at.full * dy[:, None, :], -1)
+    if at.stiffness.ndim == 2:
+        return at.stiffness * dy
+    return jnp.sum(at.stiffness * dy[:, None, :], -1)
 
 
 def walls_respond(system: System, at: Slope, own: Push, dy: Float[Array, "joints 6"]) -> Push:

@@ -5,12 +5,15 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
 from backend.model.topology import Topology
 from backend.simulate.kernel import call as kernel
+
+UNPIVOTED = 1e3  # times a pivot: entries behind it in its row may be as large before others are sought
 
 
 class Factor(NamedTuple):
@@ -26,22 +29,22 @@ class Factor(NamedTuple):
 def factor(
     topology: Topology,
     bodies: Float[Array, "slots 6 6"],
-    left: Float[Array, "joints r 12"],
-    right: Float[Array, "joints r 12"],
+    left: Float[Array, "joints 6 12"],
+    stiffness: Float[Array, "joints 6"] | Float[Array, "joints 6 6"],
+    right: Float[Array, "joints 6 12"],
     others: Float[Array, "others 12 12"],
 ) -> Factor:
     """Eliminate level by level a matrix over the body graph.
 
-    It has a block on every body, leftᵀ right between the bodies of every joint, and one block for each other link.
+    It has a block on every body, leftᵀ K right between the bodies of every joint (K the stiffness of its rows, or of
+    each row by itself), and one block for each other link.
     """
     levels, width, n = topology.levels, topology.width, 6 * topology.width
     if topology.slots and kernel.available():
-        return Factor(
-            *kernel.factor(
-                levels, width, topology.joints + topology.struts + topology.touches, bodies, left, right, others
-            )
-        )
-    links = jnp.concatenate([jnp.einsum("jri,jrk->jik", left, right), others])
+        pairs = topology.joints + topology.struts + topology.touches
+        return Factor(*kernel.factor(levels, width, pairs, bodies, left, stiffness, right, others))
+    pull = stiffness[:, :, None] * right if stiffness.ndim == 2 else jnp.einsum("jrs,jsk->jrk", stiffness, right)
+    links = jnp.concatenate([jnp.einsum("jri,jrk->jik", left, pull), others])
     blocks = links.reshape(-1, 2, 6, 2, 6).transpose(0, 1, 3, 2, 4).reshape(-1, 6, 6)
     blocks = jnp.concatenate([blocks, jnp.zeros((1, 6, 6))])
     diagonal, upper, lower = (
@@ -53,9 +56,9 @@ def factor(
 
     def eliminate(carried: Array, level: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         block, below, above = level
-        inverse = jnp.linalg.inv(block - carried)
-        coupling = inverse @ above
-        return below @ coupling, (inverse, coupling)
+        inverse = _inverse(block - carried)
+        coupling = _product(inverse, above)
+        return _product(below, coupling), (inverse, coupling)
 
     _, (pivots, couplings) = lax.scan(eliminate, jnp.zeros((n, n)), (diagonal, lower, upper))
     return Factor(pivots, lower, couplings)
@@ -69,15 +72,47 @@ def solve(factored: Factor, rhs: Float[Array, "slots 6"]) -> Float[Array, "slots
 
     def forward(carried: Array, level: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         inverse, below, right = level
-        reduced = inverse @ (right - carried)
-        return below @ reduced, reduced
+        reduced = _product(inverse, right - carried)
+        return _product(below, reduced), reduced
 
     def backward(after: Array, level: tuple[Array, Array]) -> tuple[Array, Array]:
         coupling, reduced = level
-        x = reduced - coupling @ after
+        x = reduced - _product(coupling, after)
         return x, x
 
     zero = jnp.zeros(n)
     _, reduced = lax.scan(forward, zero, (factored.pivot_inverse, factored.lower, rhs.reshape(levels, n)))
     _, x = lax.scan(backward, zero, (factored.coupling, reduced), reverse=True)
     return x.reshape(-1, 6)
+
+
+def _product(a: Float[Array, "n n"], b: Float[Array, "n *m"]) -> Float[Array, "n *m"]:
+    """a b as a sum: handing a single small product to a library takes longer than the product."""
+    return jnp.sum(a.reshape(*a.shape, *[1] * (b.ndim - 1)) * b, 1)
+
+
+@jax.custom_jvp
+def _inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """By Gauss and Jordan with the pivots in their order, as matrices of inertia and stiffness allow; where one of them
+    is too small, LAPACK's, in a loop so that a batch none of whose samples asks for it does without.
+    """
+    n = a.shape[-1]
+    each = jnp.arange(n)
+
+    def eliminate(k: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+        b, share = now
+        own = each == k
+        row = jnp.where(own, 1.0, b[k]) / b[k, k]
+        others = jnp.where(own, 0.0, b) - b[:, k, None] * row
+        return jnp.where(own[:, None], row, others), jnp.maximum(share, jnp.where(each > k, jnp.abs(row), 0.0))
+
+    in_order, share = lax.fori_loop(0, n, eliminate, (a, jnp.zeros(n)), unroll=2)
+    refused = ~jnp.all(share < UNPIVOTED)
+    begin = refused, jnp.where(refused, a, in_order)
+    return lax.while_loop(lambda now: now[0], lambda now: (~now[0], jnp.linalg.inv(now[1])), begin)[1]
+
+
+@_inverse.defjvp
+def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    inverse = _inverse(*primals)
+    return inverse, -inverse @ tangents[0] @ inverse

@@ -71,17 +71,19 @@ def agree(one, other, within: float) -> None:
         np.testing.assert_allclose(a, b, rtol=0, atol=within * np.abs(b).max(initial=1e-300))
 
 
-def matrix(topology: Topology, seed: int = 0, batch: tuple[int, ...] = ()):
-    """Random blocks with a heavy diagonal, some rows of some joints empty, and a right-hand side."""
+def matrix(topology: Topology, seed: int = 0, batch: tuple[int, ...] = (), coupled: bool = False):
+    """Random blocks with a heavy diagonal, rows of a joint that carry nothing or depend on each other, a right side."""
     draw = np.random.default_rng(seed)
     joints, others = len(topology.joints), len(topology.struts)
     bodies = draw.normal(size=(*batch, topology.slots, 6, 6)) + 30.0 * np.eye(6)
     left = draw.normal(size=(*batch, joints, 6, 12))
     right = left + 0.1 * draw.normal(size=left.shape)
-    right[..., 4:, :] = 0.0
+    stiffness = draw.uniform(size=(*batch, joints, 6)) * (np.arange(6) < 4)
+    if coupled:
+        stiffness = draw.normal(size=(*batch, joints, 6, 6)) / 3.0
     couplings = draw.normal(size=(*batch, others, 12, 12))
     rhs = draw.normal(size=(*batch, topology.slots, 6))
-    return tuple(jnp.asarray(x) for x in (bodies, left, right, couplings)), jnp.asarray(rhs)
+    return tuple(jnp.asarray(x) for x in (bodies, left, stiffness, right, couplings)), jnp.asarray(rhs)
 
 
 def answer(topology: Topology, blocks, rhs):
@@ -90,11 +92,13 @@ def answer(topology: Topology, blocks, rhs):
 
 def dense(topology: Topology, blocks) -> np.ndarray:
     """The whole matrix, written out."""
-    bodies, left, right, others = map(np.asarray, blocks)
+    bodies, left, stiffness, right, others = map(np.asarray, blocks)
+    if stiffness.ndim == 2:
+        stiffness = stiffness[:, :, None] * np.eye(6)
     full = np.zeros((topology.slots + 1, 6, topology.slots + 1, 6))
     for slot, own in enumerate(bodies):
         full[slot, :, slot] += own
-    links = [*(a.T @ b for a, b in zip(left, right, strict=True)), *others]
+    links = [*(a.T @ k @ b for a, k, b in zip(left, stiffness, right, strict=True)), *others]
     for pair, link in zip(topology.links, links, strict=True):
         for i, row in enumerate(np.minimum(pair, topology.slots)):
             for k, column in enumerate(np.minimum(pair, topology.slots)):
@@ -106,10 +110,23 @@ def dense(topology: Topology, blocks) -> np.ndarray:
 WELL = 1e-12  # relative: the matrices' condition is below 1e3, and rounding 1e-16
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("name", TOPOLOGIES)
-def test_either_way_solves_the_dense_matrix_and_its_transpose(name, kernel, monkeypatch):
+def test_either_way_solves_the_dense_matrix_and_its_transpose(name, coupled, kernel, monkeypatch):
     topology = TOPOLOGIES[name]
-    blocks, rhs = matrix(topology)
+    check(topology, *matrix(topology, coupled=coupled), monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["one body", "scissor", "five abreast"])
+def test_pivots_are_sought_where_none_stand_on_the_diagonal(name, kernel, monkeypatch):
+    topology = TOPOLOGIES[name]
+    (bodies, *links), rhs = matrix(topology)
+    bodies = (bodies - 30.0 * jnp.eye(6) + 30.0 * jnp.roll(jnp.eye(6), 2, 0)).at[:, 0, 0].set(0.0)
+    check(topology, (bodies, *links), rhs, monkeypatch)
+
+
+def check(topology: Topology, blocks, rhs, monkeypatch) -> None:
+    """The same factors and solutions either way, and those of the dense matrix."""
     full, b = dense(topology, blocks), np.ravel(rhs)
     assert np.linalg.cond(full) < 1e3
 
@@ -146,10 +163,10 @@ def test_vmap_runs_over_systems_right_hand_sides_and_both(switch, kernel, monkey
 @pytest.mark.parametrize("switch", ["on", "off"])
 def test_a_singular_or_spoilt_matrix_ends_without_an_answer(switch, kernel, monkeypatch):
     topology = TOPOLOGIES["four-bar"]
-    (bodies, left, right, others), rhs = matrix(topology)
+    (bodies, *links), rhs = matrix(topology)
 
     def spoilt(by, rhs):
-        return answer(topology, (by * bodies, 0.0 * left, 0.0 * right, others), rhs)
+        return answer(topology, (by * bodies, *(0.0 * link for link in links)), rhs)
 
     x = run(switch, monkeypatch, jax.vmap(spoilt, (0, None)), jnp.array([0.0, jnp.nan, jnp.inf]), rhs)
     assert not np.isfinite(x).any()

@@ -9,7 +9,8 @@
 
 namespace {
 
-constexpr int BODY = 6, PAIR = 12;
+constexpr int BODY = 6, ROWS = 6, PAIR = 12;
+constexpr double UNPIVOTED = 1e3;  // times a pivot: entries behind it in its row may be as large before others are sought
 
 // The size of a block: known when compiled for narrow mechanisms, so that loops unroll, or only when run.
 template <int N>
@@ -25,6 +26,7 @@ struct Loose {
 typedef double Two __attribute__((vector_size(16)));
 typedef double Four __attribute__((vector_size(32)));
 typedef double Eight __attribute__((vector_size(64)));
+typedef int64_t EightNumbers __attribute__((vector_size(64)));
 
 // Entry (i, k) of a matrix is at[i * by_row + k * by_column].
 struct Strided {
@@ -50,8 +52,8 @@ inline void multiply_tile(int depth, double sign, Strided a, const double* b, in
 }
 
 // c += sign a b; rows of c in sixes, columns even
-template <class Size>
-inline void multiply(Size rows, int depth, double sign, Strided a, const double* b, double* c, Size columns) {
+template <class Rows, class Columns>
+inline void multiply(Rows rows, int depth, double sign, Strided a, const double* b, double* c, Columns columns) {
   for (int i = 0; i < rows; i += BODY) {
     const Strided from = {a.at + i * a.by_row, a.by_row, a.by_column};
     double* to = c + i * columns;
@@ -144,15 +146,63 @@ void invert(Size n, double* __restrict a, Scratch& scratch) {
     for (int m = 0; m < n; ++m) a[pivot[k] * n + m] = b[k * n + pivot[m]];
 }
 
+// The same with the pivots in their order, as matrices of inertia and stiffness allow.  Where one of them is too small a
+// stays as it was, and the answer is false.
+template <int N>
+bool invert_in_order(Fixed<N>, double* __restrict a) {
+  constexpr int LANES = 8, PARTS = (N + LANES - 1) / LANES;
+  constexpr EightNumbers COUNT = {0, 1, 2, 3, 4, 5, 6, 7};
+  constexpr Eight ZERO = {};
+  Eight b[N][PARTS] = {}, largest = ZERO;
+  for (int i = 0; i < N; ++i) std::memcpy(b[i], a + i * N, N * sizeof(double));
+#pragma GCC unroll 12
+  for (int k = 0; k < N; ++k) {
+    const int part = k / LANES, lane = k % LANES;
+    const double by = 1.0 / b[k][part][lane];
+    Eight row[PARTS];
+    for (int p = 0; p < PARTS; ++p) {
+      const EightNumbers beyond = COUNT - (k - p * LANES);
+      row[p] = beyond == 0 ? ZERO + by : by * b[k][p];
+      const Eight share = beyond > 0 ? row[p] : ZERO, size = share < 0.0 ? -share : share;
+      largest = size > largest ? size : largest;
+    }
+    for (int step = 1; step < N; ++step) {
+      const int i = (k + step) % N;  // as above
+      const double times = b[i][part][lane];
+      for (int p = 0; p < PARTS; ++p) b[i][p] = (COUNT == k - p * LANES ? ZERO : b[i][p]) - times * row[p];
+    }
+    std::copy_n(row, PARTS, b[k]);
+  }
+  for (int j = 0; j < LANES; ++j)
+    if (!(largest[j] < UNPIVOTED)) return false;
+  for (int i = 0; i < N; ++i) std::memcpy(a + i * N, b[i], N * sizeof(double));
+  return true;
+}
+
+inline bool invert_in_order(Loose, double*) { return false; }
+
+// What a . b is the total of; n is a multiple of the lanes.
+template <class Lanes>
+inline Lanes products(int n, const double* a, const double* b) {
+  Lanes sum = {};
+  for (int k = 0; k < n; k += sizeof(Lanes) / sizeof(double)) {
+    Lanes of_a, of_b;
+    std::memcpy(&of_a, a + k, sizeof of_a);
+    std::memcpy(&of_b, b + k, sizeof of_b);
+    sum += of_a * of_b;
+  }
+  return sum;
+}
+
+inline double total(const Two& x) { return x[0] + x[1]; }
+inline double total(const Four& x) { return (x[0] + x[1]) + (x[2] + x[3]); }
+
 // y += sign a x
 template <class Size>
 void apply(Size n, double sign, const double* __restrict a, const double* __restrict x, double* __restrict y) {
-  for (int row = 0; row < n; row += BODY) {
-    double sum[BODY][2] = {};
-    for (int k = 0; k < n; k += 2)
-      for (int i = 0; i < BODY; ++i)
-        for (int j = 0; j < 2; ++j) sum[i][j] += a[(row + i) * n + k + j] * x[k + j];
-    for (int i = 0; i < BODY; ++i) y[row + i] += sign * (sum[i][0] + sum[i][1]);
+  for (int i = 0; i < n; ++i) {
+    const double* row = a + i * n;
+    y[i] += sign * (n % 4 == 0 ? total(products<Four>(n, row, x)) : total(products<Two>(n, row, x)));
   }
 }
 
@@ -165,20 +215,19 @@ void apply_transposed(Size n, double sign, const double* __restrict a, const dou
 
 // One matrix: what a factorisation reads and writes.
 struct Blocks {
-  const double *bodies, *left, *right, *others;
+  const double *bodies, *left, *stiffness, *right, *others;
   double *pivot_inverse, *lower, *coupling;
 };
 
 struct Shape {
-  int64_t levels, width, joints;
-  int rows;  // of a joint
-  int64_t others;
+  int64_t levels, width, joints, others;
+  bool coupled;  // whether a joint's rows have a full stiffness, or each its own
   const int32_t* links;  // slots of both ends, joints first
 };
 
-// Adds the 6 x 6 blocks of one link, (2 x 6) x (2 x 6), where its two bodies stand.
-template <class Size>
-void place(Size n, const Shape& shape, int64_t link, const double* block, const Blocks& to) {
+// Calls `add` with the first row and column of each 6 x 6 block of one link, and with where the block stands.
+template <class Size, class Add>
+void place(Size n, const Shape& shape, int64_t link, const Blocks& to, const Add& add) {
   const int64_t slots = shape.levels * shape.width;
   for (int row_side = 0; row_side < 2; ++row_side) {
     const int64_t row = shape.links[2 * link + row_side];
@@ -191,9 +240,7 @@ void place(Size n, const Shape& shape, int64_t link, const double* block, const 
                       : level_row < level_column ? to.coupling
                                                  : to.lower;
       level += std::min(level_row, level_column) * n * n;
-      level += ((row % shape.width) * n + column % shape.width) * BODY;
-      for (int i = 0; i < BODY; ++i)
-        add(Fixed<BODY>(), 1.0, block + (row_side * BODY + i) * PAIR + column_side * BODY, level + i * n);
+      add(row_side * BODY, column_side * BODY, level + ((row % shape.width) * n + column % shape.width) * BODY);
     }
   }
 }
@@ -207,13 +254,22 @@ void assemble(Size n, const Shape& shape, const Blocks& at) {
     for (int i = 0; i < BODY; ++i) std::copy_n(at.bodies + (slot * BODY + i) * BODY, BODY, corner + i * n);
   }
   for (int64_t joint = 0; joint < shape.joints; ++joint) {
-    const double *left = at.left + joint * shape.rows * PAIR, *right = at.right + joint * shape.rows * PAIR;
-    double block[PAIR * PAIR] = {};
-    multiply(Fixed<PAIR>(), shape.rows, 1.0, {left, 1, PAIR}, right, block, Fixed<PAIR>());
-    place(n, shape, joint, block, at);
+    const double *left = at.left + joint * ROWS * PAIR, *right = at.right + joint * ROWS * PAIR;
+    double pull[ROWS * PAIR] = {};  // stiffness x right
+    if (shape.coupled)
+      multiply(Fixed<ROWS>(), ROWS, 1.0, {at.stiffness + joint * ROWS * ROWS, ROWS, 1}, right, pull, Fixed<PAIR>());
+    else
+      for (int i = 0; i < ROWS; ++i) add(Fixed<PAIR>(), at.stiffness[joint * ROWS + i], right + i * PAIR, pull + i * PAIR);
+    place(n, shape, joint, at, [&](int row, int column, double* to) {
+      multiply_tile<Four>(ROWS, 1.0, {left + row, 1, PAIR}, pull + column, PAIR, to, n);
+      multiply_tile<Two>(ROWS, 1.0, {left + row, 1, PAIR}, pull + column + 4, PAIR, to + 4, n);
+    });
   }
   for (int64_t other = 0; other < shape.others; ++other)
-    place(n, shape, shape.joints + other, at.others + other * PAIR * PAIR, at);
+    place(n, shape, shape.joints + other, at, [&](int row, int column, double* to) {
+      const double* block = at.others + other * PAIR * PAIR + row * PAIR + column;
+      for (int i = 0; i < BODY; ++i) add(Fixed<BODY>(), 1.0, block + i * PAIR, to + i * n);
+    });
 }
 
 template <class Size>
@@ -225,7 +281,7 @@ void factor_one(Size n, const Shape& shape, const Blocks& at) {
   scratch.fit(n), above.resize(size);
   for (int64_t level = 0; level < shape.levels; ++level) {
     double *inverse = at.pivot_inverse + level * size, *coupling = at.coupling + level * size;
-    invert(n, inverse, scratch);
+    if (!invert_in_order(n, inverse)) invert(n, inverse, scratch);
     if (level + 1 == shape.levels) break;
     above.assign(coupling, coupling + size);
     std::fill_n(coupling, size, 0.0);
@@ -278,22 +334,23 @@ void sized(int64_t width, const Call& with) {
   }
 }
 
-ffi::Error factor(ffi::ThreadPool pool, Real bodies, Real left, Real right, Real others, RealResult pivot_inverse,
-                  RealResult lower, RealResult coupling, Slots links, int64_t width) {
+ffi::Error factor(ffi::ThreadPool pool, Real bodies, Real left, Real stiffness, Real right, Real others,
+                  RealResult pivot_inverse, RealResult lower, RealResult coupling, Slots links, int64_t width) {
   const auto batch = batch_of(pivot_inverse->dimensions(), 3);
   const size_t lead = batch.size();
+  const size_t own = stiffness.dimensions().size() - lead;
   const Shape shape = {pivot_inverse->dimensions()[lead], width,         left.dimensions()[lead],
-                       static_cast<int>(left.dimensions()[lead + 1]),       others.dimensions()[lead], links.begin()};
+                       others.dimensions()[lead],         own == 3, links.begin()};
   if (static_cast<int64_t>(links.size()) != 2 * (shape.joints + shape.others))
     return ffi::Error::InvalidArgument("block_tridiagonal: a joint or another link lacks its two slots");
   const Samples of_bodies(bodies.dimensions(), 3, batch), of_left(left.dimensions(), 3, batch),
-      of_right(right.dimensions(), 3, batch), of_others(others.dimensions(), 3, batch);
+      of_stiffness(stiffness.dimensions(), own, batch), of_right(right.dimensions(), 3, batch), of_others(others.dimensions(), 3, batch);
   const int64_t n = BODY * width, size = shape.levels * n * n;
   sized(width, [&](auto known) {
     spread(pool, count(batch), 6.0 * size * n, [&](int64_t sample) {
       factor_one(known, shape,
                  {bodies.typed_data() + of_bodies(sample), left.typed_data() + of_left(sample),
-                  right.typed_data() + of_right(sample), others.typed_data() + of_others(sample),
+                  stiffness.typed_data() + of_stiffness(sample), right.typed_data() + of_right(sample), others.typed_data() + of_others(sample),
                   pivot_inverse->typed_data() + sample * size, lower->typed_data() + sample * size,
                   coupling->typed_data() + sample * size});
     });
@@ -328,6 +385,7 @@ ffi::Error solve(ffi::ThreadPool pool, Real pivot_inverse, Real lower, Real coup
 XLA_FFI_DEFINE_HANDLER_SYMBOL(BlockTridiagonalFactor, factor,
                               ffi::Ffi::Bind()
                                   .Ctx<ffi::ThreadPool>()
+                                  .Arg<Real>()
                                   .Arg<Real>()
                                   .Arg<Real>()
                                   .Arg<Real>()

@@ -46,15 +46,16 @@ def factor(
     width: int,
     links: tuple[tuple[int, int], ...],
     bodies: Float[Array, "slots 6 6"],
-    left: Float[Array, "joints r 12"],
-    right: Float[Array, "joints r 12"],
+    left: Float[Array, "joints 6 12"],
+    stiffness: Float[Array, "joints 6"] | Float[Array, "joints 6 6"],
+    right: Float[Array, "joints 6 12"],
     others: Float[Array, "others 12 12"],
 ) -> tuple[Float[Array, "levels n n"], Float[Array, "levels n n"], Float[Array, "levels n n"]]:
     """Pivots' inverses, lower blocks and couplings; links: slots of both ends, joints first."""
     blocks = jax.ShapeDtypeStruct((levels, 6 * width, 6 * width), jnp.float64)
     call = jax.ffi.ffi_call(FACTOR, (blocks, blocks, blocks), vmap_method="expand_dims")
     slots = np.array(links, dtype=np.int32).ravel()
-    made = call(bodies, left, right, others, links=slots, width=np.int64(width))
+    made = call(bodies, left, stiffness, right, others, links=slots, width=np.int64(width))
     return made[0], made[1], made[2]
 
 
