@@ -14,6 +14,8 @@ from backend.diagnose.library import Candidate
 from backend.diagnose.subject import Subject
 
 DRAWS = 2000
+LARGE = 4.0  # noise variances a sample, left by a fit: beyond, first order holds for a while only
+EARLY = 0.35  # of the records
 SAME = 0.01  # of a response: what may differ between two that do the same
 
 
@@ -28,6 +30,8 @@ class Screen:
     fitted: Fitted
     S: Float[np.ndarray, "n all"]
     r: Float[np.ndarray, " n"]
+    early: Screen | None = None
+    """Of the first part of the records alone, where the misfit is large: later, first order no longer holds."""
 
     def rescaled(self, scale: float) -> Screen:
         """The same, had all sigmas been larger by `scale`."""
@@ -145,9 +149,16 @@ def screen(subject: Subject, fitted: Fitted) -> Screen:
     def sweep() -> np.ndarray:
         return np.concatenate(subject.over(one, range(len(fitted.probes))))
 
-    S = subject.alike("library", fitted.r, sweep)
-    taken = set(np.flatnonzero(fitted.choice.ties.any(1)).tolist())
-    H = np.linalg.pinv(fitted.information, hermitian=True)
-    S = S - fitted.J @ (H @ (fitted.J.T @ S))
-    S[:, sorted(taken)] = 0.0
-    return Screen(subject, fitted, S, fitted.r - fitted.J @ (H @ (fitted.J.T @ fitted.r)))
+    S = subject.alike("library", fitted.r, sweep).copy()
+    S[:, sorted(set(np.flatnonzero(fitted.choice.ties.any(1)).tolist()))] = 0.0
+    whole = _projected(subject, fitted, S, fitted.r, fitted.J)
+    if fitted.chi2 < LARGE * fitted.r.size:
+        return whole
+    since = [p.since_release_s[white.keep] / p.duration_s for p, white in zip(fitted.probes, seer.white, strict=True)]
+    first = np.concatenate(since) <= EARLY * fitted.fraction
+    return replace(whole, early=_projected(subject, fitted, S[first], fitted.r[first], fitted.J[first]))
+
+
+def _projected(subject: Subject, fitted: Fitted, S: np.ndarray, r: np.ndarray, J: np.ndarray) -> Screen:
+    H = np.linalg.pinv(J.T @ J + np.diag(fitted.precision), hermitian=True)
+    return Screen(subject, fitted, S - J @ (H @ (J.T @ S)), r - J @ (H @ (J.T @ r)))

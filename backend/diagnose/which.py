@@ -16,7 +16,7 @@ from backend.diagnose.latent import Latent, forces, left_over, neighbour_correla
 from backend.diagnose.library import Candidate
 from backend.diagnose.noise import kind_of, strays
 from backend.diagnose.probe import Probe
-from backend.diagnose.screen import Screen, screen, tuned
+from backend.diagnose.screen import EARLY, Screen, screen, tuned
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
 from backend.diagnose.unseen import Left, Unseen, unseen
@@ -177,16 +177,21 @@ class Search:
             wider = _containing(about, free)
             plain = [c for c in free if all(c not in forms for forms in wider.values())]
             fits: list[Fitted] = []
-            for candidate, gain in about.ranking(plain)[:refits]:
-                if gain <= 0.0 or self.cancelled():
-                    break
-                self._join(parent, about, candidate, fits)
+            for candidate in self._promising(about, plain, refits):
+                self._join(parent, about.early or about, candidate, fits)
             if fits:
                 best = min(fits, key=lambda f: f.chi2).choice.candidates[-1]
                 for candidate in wider.get(best.name, ()):
-                    self._join(parent, about, candidate, fits)
+                    self._join(parent, about.early or about, candidate, fits)
             made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
+
+    def _promising(self, about: Screen, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+        """Those that gain most to first order; of a large misfit half as many by its beginning, too."""
+        found = [c for c, gain in about.ranking(candidates)[:most] if gain > 0.0]
+        if about.early is not None:
+            found += [c for c, gain in about.early.ranking(candidates)[: most // 2] if gain > 0.0 and c not in found]
+        return found
 
     def _join(self, parent: Cause, about: Screen, candidate: Candidate, fits: list[Fitted]) -> None:
         """Fit a parent with one candidate more, unless that was tried."""
@@ -196,7 +201,9 @@ class Search:
         self.tell(f"trying {' + '.join(names)}")
         choice = self.subject.choose(*parent.candidates, candidate)
         begin, values = self._beginning(parent.fitted, about, candidate, fits)
-        fitted = fit(self.subject, choice, start=_from(begin, choice, values), fractions=self._horizons(parent))
+        horizons = self._horizons(parent)
+        horizons = horizons if about is self.screen(parent) else (EARLY * horizons[0], *horizons)
+        fitted = fit(self.subject, choice, start=_from(begin, choice, values), fractions=horizons)
         if np.isfinite(fitted.chi2):  # a set that loses the motion from its start explains nothing
             fits.append(fitted)
 
