@@ -36,7 +36,7 @@ CLIP = b"".join((len(data) + 8).to_bytes(4) + kind + data for kind, data in (
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
     folder = tmp_path_factory.mktemp("served")
-    with serving(folder, settings_in(folder)) as running:
+    with serving(folder, settings_in(folder, largest_video=4_000_000)) as running:
         yield running
 
 
@@ -150,7 +150,17 @@ def test_a_clip_is_streamed_and_what_is_none_is_refused(there, tmp_path):
     clip.write_text("no clip")
     with pytest.raises(ServiceProblem) as found:
         there.store_clip(clip)
-    assert found.value.status == 415
+    assert (found.value.status, found.value.kind) == (415, "wrong-type")
+
+
+def test_a_clip_that_is_too_large_is_refused_before_it_has_all_been_sent(there, tmp_path):
+    clip, sent = tmp_path / "long.mp4", []
+    with clip.open("wb") as file:
+        file.truncate(100_000_000)
+    with pytest.raises(ServiceProblem, match="above the limit of 4000000") as found:
+        there.store_clip(clip, sent=sent.append)
+    assert (found.value.status, found.value.kind) == (413, "too-large")
+    assert max(sent, default=0.0) < 0.5
 
 
 def test_a_refused_study_says_each_fault_in_the_services_words(there, tmp_path):
