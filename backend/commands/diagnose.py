@@ -48,7 +48,7 @@ def diagnose(
         if server is not None:
             done = done_there(
                 server, key, study, out,
-                lambda there, id: there.diagnose(id, tolerance_mm=tolerance_mm, without=kinds), resume,
+                lambda there, id: there.diagnose(id, tolerance_mm=tolerance_mm, without=kinds), resume=resume,
             )  # fmt: skip
             done.tell(answer, lambda report: gap_text(parse(GapReport, report, server)), "gap.html")
             return

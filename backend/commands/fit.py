@@ -53,7 +53,7 @@ def fit(
                 lambda there, id: there.fit(
                     id, free=specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, sparse=sparse
                 ),
-                resume,
+                resume=resume,
             )  # fmt: skip
             done.tell(answer, lambda report: fit_text(parse(FitReport, report, server)), "fit.html")
             return

@@ -98,8 +98,10 @@ def _jam_there(
         from backend.mechanism.read import is_study, parse
         from backend.report.jam_summary import jam_text
 
+        many = is_study(file)
+
         def start(there: Linktwin, id: str) -> JobAnswer:
-            subject = {"study": id} if is_study(file) else {"mechanism": id}
+            subject = {"study" if many else "mechanism": id}
             return there.jam(**subject, duration_s=duration_s, step_s=step_s, samples=samples, vary=vary, seed=seed)
 
         def text(report: dict[str, Any]) -> str:
@@ -108,10 +110,10 @@ def _jam_there(
                 from backend.report.ensemble_summary import ensemble_text
 
                 return ensemble_text(parse(EnsembleReport, report, server))
-            told = {f"{name}: ": one for name, one in report["experiments"].items()} if is_study(file) else {"": report}
+            told = {f"{name}: ": one for name, one in report["experiments"].items()} if many else {"": report}
             return "\n".join(name + jam_text(parse(JamReport, one, server)) for name, one in told.items())
 
-        done = done_there(server, key, file, out, start)
+        done = done_there(server, key, file, out, start, study=many)
         done.tell(answer, text, "jam.html" if samples is None else "jam_ensemble.html")
 
 

@@ -28,18 +28,23 @@ SENDING = 0.1  # of the bar
 
 @dataclass(frozen=True)
 class DoneThere:
-    """A job that has ended on a service.  report: None where it failed before there was one."""
+    """A job that has ended on a service, and what it wrote.  report: None where it failed before there was one."""
 
     job: JobAnswer
     report: dict[str, Any] | None
     folder: Path
+    written: list[Path]
     page: str
 
     def tell(self, answer: Callable[[Mapping[str, Any], str], None], text: Callable[[Any], str], opens: str) -> None:
-        """Answer as the command here does, and fail as it does.  text: of the report.  opens: the page it wrote."""
+        """Answer as the command here does, and fail as it does.
+
+        text: of the report.  opens: name of the pages that it wrote.
+        """
         if self.report is not None:
-            opened = f"\nopen      {self.folder / opens}" if (self.folder / opens).is_file() else ""
-            answer(self.report, f"{text(self.report)}\nwrote     {self.folder}{opened}\nkept      {self.page}")
+            lines = [text(self.report), f"wrote     {self.folder}"]
+            lines += [f"open      {path}" for path in self.written if path.name == opens]
+            answer(self.report, "\n".join([*lines, f"kept      {self.page}"]))
         if self.job.state == "cancelled":
             raise Failed(f"the job was cancelled on the service: {self.page}")
         if self.job.state == "failed":
@@ -66,37 +71,36 @@ def done_there(
     file: Path,
     out: Path | None,
     start: Callable[[Linktwin, str], JobAnswer],
+    study: bool = True,
     resume: bool = False,
 ) -> DoneThere:
-    """Send a mechanism or a study with all it names, start a job of it, wait, and bring what it wrote.
+    """Send a study with all it names, or a mechanism, start a job of it, wait, and bring what it wrote.
 
     start: given the client and the id of what was stored.  Ctrl-C cancels the job.
     """
     from backend.client import ServiceProblem
-    from backend.mechanism.read import is_study, read_mechanism, read_study_file
+    from backend.mechanism.read import read_mechanism, read_study_file
 
     if resume:
         raise ValueError("--resume goes on with what lies in --out; a service resumes its own jobs: leave one out")
-    many = is_study(file)
-    drawn = read_mechanism(file.parent / read_study_file(file).mechanism if many else file)
+    drawn = read_mechanism(file.parent / read_study_file(file).mechanism if study else file)
     folder = folder_for(out, drawn.name)
     with asking(server, key) as there, progress("sending") as advance:
-        store = there.store_study if many else there.store_mechanism
+        store = there.store_study if study else there.store_mechanism
         thing = store(file, sent=lambda part: advance(SENDING * part, "sending"))
         job = start(there, thing.id)
         try:
             job = there.wait(job, _told(advance))
+            written = there.download(job, folder, without=[REPORT])
+            reported = any(found.path == REPORT for found in there.files(job))
+            report = there.result(job).report if reported else None
         except KeyboardInterrupt:
-            there.cancel(job)
-            raise Failed(f"the job was cancelled; what it works on is kept: {there.page(thing)}") from None
+            raise Failed(f"stopped; the job is {there.cancel(job).state}: {there.page(job)}") from None
         except ServiceProblem as problem:
             if problem.passing:
-                problem.detail += f" The job goes on: {there.page(job)}"
+                problem.detail += f" The job goes on, and is kept: {there.page(job)}"
             raise
-        there.download(job, folder, without=[REPORT])
-        reported = any(found.path == REPORT for found in there.files(job))
-        report = there.result(job).report if reported else None
-        return DoneThere(job, report, folder, there.page(job))
+        return DoneThere(job, report, folder, written, there.page(job))
 
 
 def _told(advance: Advance) -> Callable[[ProgressAnswer], None]:

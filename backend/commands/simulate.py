@@ -39,6 +39,7 @@ def simulate(
                 lambda there, id: there.simulate(
                     id, duration_s=duration_s, step_s=step_s, solve=solve, threshold=threshold
                 ),
+                study=False,
             )  # fmt: skip
             if done.report is not None:
                 done.report["files"] = _files(done.folder)

@@ -37,9 +37,10 @@ def served(tmp_path_factory):
         ("diagnose", "gap", prepared),
         ("jam", "jam", {"experiments": {"low": JAM}}),
     ):
-        (reports / command).mkdir(parents=True)
-        (reports / command / f"{file}.html").write_text("a page")
-        (reports / command / f"{file}.json").write_text(json.dumps(told))
+        place = reports / command / ("low" if command == "jam" else "")
+        place.mkdir(parents=True)
+        (place / f"{file}.html").write_text("a page")
+        (place / f"{file}.json").write_text(json.dumps(told))
         (reports / f"{command}.json").write_text(json.dumps(told))
     settings = settings_in(
         folder, require_keys=True, workers=1, job_command=(sys.executable, str(STAND_IN), str(reports))
@@ -113,6 +114,7 @@ def test_a_jam_of_a_study_is_told_by_experiment(served, tmp_path):
     done = run(served, "jam", STUDY, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("low: It moves to the end.")
+    assert f"open      {tmp_path / 'low' / 'jam.html'}" in done.stdout
 
 
 def test_control_c_cancels_the_job(served, tmp_path):
@@ -140,6 +142,8 @@ def test_what_the_service_refuses_is_said_with_exit_code_2(served, tmp_path):
         (("diagnose", tmp_path / "study.json"), {}, 2, "nobody"),
         (("simulate", FOURBAR), {"key": "lt_guessed"}, 2, "LINKTWIN_KEY"),
         (("diagnose", STUDY, "--resume"), {}, 2, "--resume"),
+        (("simulate", STUDY), {}, 2, "experiments"),
+        (("jam", STUDY, "--samples", "5"), {}, 2, "give a mechanism"),
         (("simulate", FOURBAR), {"url": "http://127.0.0.1:9"}, 1, "linktwin serve"),
         (("simulate", FOURBAR), {"url": "127.0.0.1"}, 2, "no address"),
     ):
