@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from backend.commands.remote import Key, Server, done_there
 from backend.commands.terminal import AsJson, Failed, Out, StudyFile, answering, folder_for, progress, stoppable
 
 ENDED = "The search was ended early: an explanation that was not tried may fit better. --resume goes on from there."
@@ -22,6 +23,8 @@ def diagnose(
         list[str] | None, typer.Option(metavar="KIND", help="Leave this effect out of the library; repeatable.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the search that was cut off in --out.")] = False,
+    server: Server = None,
+    key: Key = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -33,7 +36,8 @@ def diagnose(
     kinds = [kind.strip() for given in without or [] for kind in given.split(",") if kind.strip()]
     with answering(as_json) as answer:
         from backend.mechanism.effect import kind_named
-        from backend.mechanism.read import read_study
+        from backend.mechanism.gap_report import GapReport
+        from backend.mechanism.read import parse, read_study
         from backend.report.gap_page import write_gap_page
         from backend.report.gap_summary import gap_evidence, gap_text
         from backend.report.linked import gap_pictures
@@ -41,6 +45,13 @@ def diagnose(
 
         for kind in kinds:
             kind_named(kind)
+        if server is not None:
+            done = done_there(
+                server, key, study, out,
+                lambda there, id: there.diagnose(id, tolerance_mm=tolerance_mm, without=kinds), resume=resume,
+            )  # fmt: skip
+            done.tell(answer, lambda report: gap_text(parse(GapReport, report, server)), "gap.html")
+            return
         loaded = read_study(study)
         folder = folder_for(out, loaded.mechanism.name)
         with progress("reading the study") as advance, stoppable() as stopped:

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from backend.commands.terminal import AsJson, Out, answering
+from backend.commands.remote import Key, asking
+from backend.commands.terminal import AsJson, Out, answering, progress
 
 
 def export(
@@ -16,6 +17,10 @@ def export(
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="Set a value of the script; repeatable."),
     ] = None,
+    upload: Annotated[
+        str | None, typer.Option(metavar="URL", help="Hand it to a linktwin service too, and say where it is shown.")
+    ] = None,
+    key: Key = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -30,7 +35,12 @@ def export(
         folder = out or Path("out") / script.resolve().parent.name
         path = Path(export_script(script, folder, chosen))
         report = describe(read_mechanism(path))
-        answer({"mechanism": str(path), **check_json(report)}, f"{check_text(report)}\nwrote     {path}")
+        told, text = {"mechanism": str(path), **check_json(report)}, f"{check_text(report)}\nwrote     {path}"
+        if upload is not None:
+            with asking(upload, key) as there, progress("sending") as advance:
+                told["page"] = there.page(there.store_mechanism(path, sent=lambda part: advance(part)))
+            text += f"\nopen      {told['page']}"
+        answer(told, text)
 
 
 def _settings(pairs: list[str]) -> dict[str, str]:

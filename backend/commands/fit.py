@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from backend.commands.remote import Key, Server, done_there
 from backend.commands.terminal import AsJson, Failed, Out, StudyFile, answering, folder_for, progress, stoppable
 
 
@@ -31,6 +32,8 @@ def fit(
         bool, typer.Option("--sparse", help="One value for all of KIND:*, but for the places found to deviate.")
     ] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the fit that was cut off in --out.")] = False,
+    server: Server = None,
+    key: Key = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -40,6 +43,20 @@ def fit(
     """
     specs = [spec.strip() for given in free for spec in given.split(",") if spec.strip()]
     with answering(as_json) as answer:
+        if server is not None:
+            from backend.mechanism.fit_report import FitReport
+            from backend.mechanism.read import parse
+            from backend.report.fit_summary import fit_text
+
+            done = done_there(
+                server, key, study, out,
+                lambda there, id: there.fit(
+                    id, free=specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, sparse=sparse
+                ),
+                resume=resume,
+            )  # fmt: skip
+            done.tell(answer, lambda report: fit_text(parse(FitReport, report, server)), "fit.html")
+            return
         from backend.mechanism.read import read_study
         from backend.report.fit_page import write_fit_page
         from backend.report.fit_summary import fit_evidence, fit_text

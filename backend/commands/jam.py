@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from backend.commands.remote import Key, Server, done_there
 from backend.commands.terminal import AsJson, Failed, Out, answering, counting, folder_for, progress, write_json
+
+if TYPE_CHECKING:
+    from backend.client import Linktwin
+    from backend.service.answers import JobAnswer
 
 
 def jam(
@@ -31,10 +36,15 @@ def jam(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the samples.")] = 0,
+    server: Server = None,
+    key: Key = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Say whether it jams, when, where, why and by what margin: jam.json and a page.  With --samples: how likely."""
+    if server is not None:
+        _jam_there(server, key, file, duration_s, step_s, samples, vary or [], seed, out, as_json)
+        return
     if samples is not None or vary:
         _jam_ensemble(file, duration_s, step_s, samples, vary or [], seed, out, as_json)
         return
@@ -67,8 +77,44 @@ def jam(
             page = write_jam_page(evidence, place / "jam.html")
             write_pictures(jam_pictures(evidence), place / "pictures.json")
             named = f"{experiment}: " if experiment else ""
-            said.append(f"{named}{jam_text(one)}\nwrote       {place / 'jam.json'}\nopen        {page}")
+            said.append(f"{named}{jam_text(one.report)}\nwrote       {place / 'jam.json'}\nopen        {page}")
         answer({"experiments": reports} if study else reports[""], "\n".join(said))
+
+
+def _jam_there(
+    server: str,
+    key: str | None,
+    file: Path,
+    duration_s: float | None,
+    step_s: float,
+    samples: int | None,
+    vary: list[str],
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    with answering(as_json) as answer:
+        from backend.mechanism.jam_report import JamReport
+        from backend.mechanism.read import is_study, parse
+        from backend.report.jam_summary import jam_text
+
+        many = is_study(file)
+
+        def start(there: Linktwin, id: str) -> JobAnswer:
+            subject = {"study" if many else "mechanism": id}
+            return there.jam(**subject, duration_s=duration_s, step_s=step_s, samples=samples, vary=vary, seed=seed)
+
+        def text(report: dict[str, Any]) -> str:
+            if samples is not None:
+                from backend.mechanism.ensemble_report import EnsembleReport
+                from backend.report.ensemble_summary import ensemble_text
+
+                return ensemble_text(parse(EnsembleReport, report, server))
+            told = {f"{name}: ": one for name, one in report["experiments"].items()} if many else {"": report}
+            return "\n".join(name + jam_text(parse(JamReport, one, server)) for name, one in told.items())
+
+        done = done_there(server, key, file, out, start, study=many)
+        done.tell(answer, text, "jam.html" if samples is None else "jam_ensemble.html")
 
 
 def _jam_ensemble(

@@ -44,6 +44,11 @@ def write_study(study: StudyFile, path: str | os.PathLike[str]) -> None:
     _write(study, Path(path))
 
 
+def read_study_file(path: str | os.PathLike[str]) -> StudyFile:
+    """A study.json alone, without its mechanism and its tables; DrawingError lists all that is wrong with it."""
+    return parse(StudyFile, _load(Path(path)), str(path))
+
+
 def read_fit(path: str | os.PathLike[str]) -> FitReport:
     """What a fit found, from its fit.json; DrawingError lists all that is wrong with it."""
     return parse(FitReport, _load(Path(path)), str(path))

@@ -14,11 +14,13 @@ from backend.mechanism.drawing_error import DrawingError, known
 from backend.mechanism.effect import ParameterValue, Places, kind_named, order_faults, parameter_faults
 from backend.mechanism.mechanism import Mechanism, place_faults
 from backend.mechanism.part import Id, Part
+from backend.mechanism.tracks import TABLES
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Use = Literal["fit", "held_out"]
+NAMED = (*TABLES, "video", "camera")  # what of an experiment names a file
 
 
 class Release(Part):

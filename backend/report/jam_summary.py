@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from backend.mechanism.jam_report import JamReport
 from backend.report.evidence import JamEvidence, Motion
 from backend.report.quantity import shown
 
@@ -19,9 +20,8 @@ def jam_evidence(found: Jam) -> JamEvidence:
     return JamEvidence(found.mechanism, motion, found.report)
 
 
-def jam_text(found: Jam) -> str:
+def jam_text(report: JamReport) -> str:
     """What was found, in a screenful."""
-    report = found.report
     lines = [report.sentence]
     if report.lever is not None:
         lines.append(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from backend.mechanism.mechanism import Mechanism
-from backend.model.flexible import split
 from backend.report.evidence import Motion, SimulationEvidence
 from backend.report.quantity import shown
 
@@ -19,6 +19,8 @@ MOST_JOINTS = 8
 
 def simulation_evidence(mechanism: Mechanism, run: Run, forces_page: str = "") -> SimulationEvidence:
     """A run as its page wants it; fixed bodies do not move and are left out."""
+    from backend.model.flexible import split
+
     mechanism = split(mechanism)
     moving = [body.id for body in mechanism.bodies if body.id in run.position_m and not body.fixed]
     return SimulationEvidence(
@@ -60,6 +62,7 @@ def summary_json(run: Run) -> dict[str, Any]:
         "constraint_error_m": float(run.constraint_error_m.max()),
         "solve": run.solve,
         "redundancy": _redundancy_json(run),
+        "remarks": _remarks(run),
     }
 
 
@@ -78,20 +81,23 @@ def _redundancy_json(run: Run) -> dict[str, Any] | None:
     }
 
 
-def summary_text(run: Run) -> str:
-    """What came of a run, in a screenful."""
-    total = run.kinetic_j + run.potential_j
-    lines = [f"{run.mechanism}: {shown(float(run.time_s[-1]), 4)} s in {len(run.time_s) - 1} steps, {run.result}"]
-    for id, q in list(run.q.items())[:MOST_JOINTS]:
-        start, end, low, high = (shown(float(value), 4) for value in (q[0], q[-1], q.min(), q.max()))
-        most = shown(float(np.linalg.norm(run.reaction_force_n[id], axis=-1).max()))
+def _remarks(run: Run) -> list[str]:
+    """What is redundant, and how that was dealt with."""
+    said = [run.redundancy.sentence()] if run.redundancy else []
+    said += [run.kept.sentence(len(run.time_s) - 1)] if run.kept else []
+    return [sentence for sentence in said if sentence]
+
+
+def summary_text(summary: Mapping[str, Any]) -> str:
+    """A `summary_json` in a screenful."""
+    s, joints, energy = summary, summary["joints"], summary["energy_j"]
+    lines = [f"{s['mechanism']}: {shown(s['duration_s'], 4)} s in {s['steps']} steps, {s['result']}"]
+    for id, q in list(joints.items())[:MOST_JOINTS]:
+        start, end, low, high = (shown(q[name], 4) for name in ("start", "end", "lowest", "highest"))
+        most = shown(s["largest_reaction_n"][id])
         lines.append(f"joint {id:<12} {start} to {end}, within {low} … {high}; reaction up to {most} N")
-    if len(run.q) > MOST_JOINTS:
-        lines.append(f"and {len(run.q) - MOST_JOINTS} more joints, in the motion file")
-    lines.append(f"energy      {shown(1e3 * float(total[0]))} to {shown(1e3 * float(total[-1]))} mJ")
-    lines.append(f"constraints within {shown(float(run.constraint_error_m.max()))} m")
-    if run.redundancy and (said := run.redundancy.sentence()):
-        lines.append(said)
-    if run.kept:
-        lines.append(run.kept.sentence(len(run.time_s) - 1))
-    return "\n".join(lines)
+    if len(joints) > MOST_JOINTS:
+        lines.append(f"and {len(joints) - MOST_JOINTS} more joints, in the motion file")
+    lines.append(f"energy      {shown(1e3 * energy['start'])} to {shown(1e3 * energy['end'])} mJ")
+    lines.append(f"constraints within {shown(s['constraint_error_m'])} m")
+    return "\n".join([*lines, *s["remarks"]])

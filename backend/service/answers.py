@@ -1,16 +1,13 @@
-"""What the API answers with."""
+"""What the API answers with; nothing but pydantic is loaded, so that clients read it too."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any, Generic, Literal, TypeVar
-from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from backend.service.jobs.desk import progress_of
-from backend.service.records import Job, State, StoredFile, Thing
+from backend.service.states import Kind, State
 
 API = "/api/v1"
 ROOMS = {"mechanism": "mechanisms", "study": "studies", "video": "videos"}
@@ -39,7 +36,7 @@ class ThingAnswer(Answer):
     """A stored mechanism, study or video."""
 
     id: str = Field(examples=[ID])
-    kind: Literal["mechanism", "study", "video"]
+    kind: Kind
     name: str = Field(examples=["fourbar"])
     bytes: int
     created: datetime = Field(examples=[WHEN])
@@ -112,50 +109,3 @@ class ProblemAnswer(BaseModel):
     detail: str
     instance: str | None = None
     errors: list[str] | None = Field(default=None, description="Each fault with its remedy, where there are several.")
-
-
-def thing_answer(thing: Thing, files: Sequence[StoredFile] | None = None) -> ThingAnswer:
-    """A thing as it is told."""
-    base = f"{API}/{ROOMS[thing.kind]}/{thing.id}"
-    return ThingAnswer(
-        id=thing.id,
-        kind=thing.kind,  # pyright: ignore[reportArgumentType]
-        name=thing.name,
-        bytes=thing.bytes,
-        created=_when(thing.created),
-        summary=thing.summary,
-        files=None if files is None else [file_answer(file, base) for file in files],
-    )
-
-
-def job_answer(job: Job) -> JobAnswer:
-    """A job as it is told."""
-    progress = progress_of(job)
-    return JobAnswer.model_validate(
-        {
-            **job.model_dump(include={"id", "kind", "request", "attempt", "exit_code", "message"}),
-            **{name: _when(at) if (at := getattr(job, name)) else None for name in ("created", "started", "finished")},
-            **vars(progress),
-        }
-    )
-
-
-def file_answer(file: StoredFile, base: str) -> FileAnswer:
-    """A file as it is told; base: the address of what it belongs to."""
-    return FileAnswer(
-        path=file.path, bytes=file.bytes, sha256=file.sha256, media_type=file.media_type,
-        url=f"{base}/files/{quote(file.path)}",
-    )  # fmt: skip
-
-
-def list_answer(items: list[Any], total: int, limit: int, offset: int, path: str) -> ListAnswer[Any]:
-    """A slice as it is told; path: of the list."""
-    more = offset + len(items) < total and items
-    return ListAnswer(
-        items=items, total=total, limit=limit, offset=offset,
-        next=f"{path}?limit={limit}&offset={offset + limit}" if more else None,
-    )  # fmt: skip
-
-
-def _when(seconds: float) -> datetime:
-    return datetime.fromtimestamp(seconds, UTC)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from backend.service.problems import Problem, not_found
-from backend.service.records import Job, Kind
+from backend.service.records import Job
 from backend.service.service import Service
+from backend.service.states import Kind
 from backend.service.things import file_of, files_of, find_thing
 
 KINDS: dict[str, Kind] = {"mechanisms": "mechanism", "studies": "study", "videos": "video"}

@@ -9,8 +9,9 @@ from sqlmodel import col, select
 
 from backend.service.jobs.desk import forget_job
 from backend.service.problems import Problem
-from backend.service.records import FINISHED, Job, Repeat, StoredFile, Thing, Worker
+from backend.service.records import Job, Repeat, StoredFile, Thing, Worker
 from backend.service.service import Service
+from backend.service.states import FINISHED
 from backend.service.things import CHECKPOINT, delete_thing, drop_files
 
 DAY_S = 86_400.0

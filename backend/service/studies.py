@@ -12,8 +12,7 @@ from typing import Any
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.read import decode, parse, read_study
-from backend.mechanism.study import Study, StudyFile
-from backend.mechanism.tracks import TABLES
+from backend.mechanism.study import NAMED, Study, StudyFile
 from backend.service.intake.folder import lay_out, safe_path, take_folder
 from backend.service.mechanisms import DRAWING, faulty, read_drawing, summary_of
 from backend.service.problems import Problem
@@ -23,7 +22,6 @@ from backend.service.service import Service
 from backend.service.things import keep_thing
 
 STUDY = "study.json"
-NAMED = (*TABLES, "video", "camera")  # what of an experiment names a file
 # Tables are read into memory: one study at a time, so that many uploads at once cannot fill it.
 _reading = BoundedSemaphore(1)
 

@@ -11,8 +11,9 @@ from typing import Any, TypeVar
 from sqlmodel import Session, col, func, select
 
 from backend.service.problems import Problem, not_found
-from backend.service.records import FINISHED, Account, Job, Kind, StoredFile, Thing
+from backend.service.records import Account, Job, StoredFile, Thing
 from backend.service.service import Service
+from backend.service.states import FINISHED, Kind
 from backend.service.storage import Kept
 
 Row = TypeVar("Row", Thing, Job)

@@ -4,6 +4,7 @@ import threading
 
 import pytest
 
+from backend.client import Linktwin
 from tests.plugin_fusion import test_handover
 from tests.plugin_fusion.addin import room
 from tests.plugin_fusion.test_handover import handed_over
@@ -42,11 +43,21 @@ def test_the_service_takes_an_export_with_all_its_meshes(running, saved):
     url, key = running
     last = handed_over(url, saved.folder, key=key)[-1]
     assert last["step"] == "done"
-    stored = room("lib.service").Service(url, key)._ask("GET", "/api/v1/mechanisms")
-    (item,) = stored["items"]
-    assert (item["summary"]["bodies"], item["summary"]["joints"]) == (4, 4)
-    assert item["summary"]["missing_meshes"] == []
-    assert last["page"].endswith(f"/ui/mechanisms/{item['id']}")
+    with Linktwin(url, key) as there:
+        stored = there.thing("mechanism", last["page"].rpartition("/")[2])
+        assert last["page"] == there.page(stored)
+    assert (stored.summary["bodies"], stored.summary["joints"]) == (4, 4)
+    assert stored.summary["missing_meshes"] == []
+    assert len(stored.files or []) == 5
+
+
+def test_the_addin_and_the_client_ask_for_the_same_simulation(running, saved):
+    url, key = running
+    with Linktwin(url, key) as there:
+        thing = there.store_mechanism(saved.folder)
+        asked = {"kind": "simulate", "mechanism": thing.id, "duration_s": 2.0}
+        job = there.job(room("lib.service").Service(url, key).start_job(asked, "the-same")["id"])
+        assert there.simulate(thing, duration_s=2.0, repeat_key="the-same") == job
 
 
 def test_the_service_refuses_a_wrong_key_in_words_that_the_palette_shows(running, saved):

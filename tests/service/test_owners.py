@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from backend.service.keys import list_keys, make_key, revoke_key
-from backend.service.records import FINISHED, ApiKey
+from backend.service.records import ApiKey
+from backend.service.states import FINISHED
 from tests.service.asked import refused
 from tests.service.conftest import JSON
 from tests.service.serving import FOURBAR

@@ -254,7 +254,7 @@ def test_the_spectrum_along_a_motion_shows_the_change_point(turning_parallelogra
 
 def test_a_summary_says_what_is_redundant_and_how_it_was_solved():
     run = simulate(fourbar(), 0.025, solve="reduced")
-    said = summary_text(run)
+    said = summary_text(summary_json(run))
     assert "3 redundant rows" in said
     assert "reduced: 3 rows let go, chosen 1 time" in said
     report = summary_json(run)

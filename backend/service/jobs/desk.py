@@ -14,8 +14,9 @@ from sqlmodel import Session, col, func, select, update
 
 from backend.service.jobs.requests import DiagnoseRequest, FitRequest, JamRequest, SimulateRequest, TrackRequest
 from backend.service.problems import Problem, not_found
-from backend.service.records import FINISHED, Job, Kind, Repeat, StoredFile, Thing
+from backend.service.records import Job, Repeat, StoredFile, Thing
 from backend.service.service import Service
+from backend.service.states import FINISHED, Kind
 from backend.service.things import Page, drop_files, file_of, files_of, locked_account, page, refund
 
 AnyRequest = SimulateRequest | JamRequest | FitRequest | DiagnoseRequest | TrackRequest

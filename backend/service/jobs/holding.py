@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from sqlmodel import Session, col, select, update
 
-from backend.service.records import FINISHED, Job, StoredFile, Worker
+from backend.service.records import Job, StoredFile, Worker
 from backend.service.service import Service
+from backend.service.states import FINISHED
 from backend.service.things import locked_account
 
 

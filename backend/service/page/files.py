@@ -16,8 +16,8 @@ from backend.service.jobs.desk import find_job
 from backend.service.page.access import owner_from, shared_job
 from backend.service.page.running import brought, first_frame
 from backend.service.problems import Problem
-from backend.service.records import Kind
 from backend.service.service import Service
+from backend.service.states import Kind
 from backend.service.things import CHECKPOINT, file_of, files_of, find_thing, media_type
 
 ROOMS: dict[str, Kind] = {"mechanisms": "mechanism", "studies": "study", "videos": "video"}

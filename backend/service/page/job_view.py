@@ -22,8 +22,9 @@ from backend.service.page.study_view import read_stored_study
 from backend.service.page.timeline import Timeline
 from backend.service.page.work import NAMES, ago, lasted
 from backend.service.problems import Problem
-from backend.service.records import FINISHED, Job, Thing
+from backend.service.records import Job, Thing
 from backend.service.service import Service
+from backend.service.states import FINISHED
 from backend.service.things import CHECKPOINT, file_of, files_of
 
 EVERY_S = 0.5

@@ -21,9 +21,6 @@ from backend.service.answers import (
     ListAnswer,
     ProgressAnswer,
     ResultAnswer,
-    file_answer,
-    job_answer,
-    list_answer,
 )  # fmt: skip
 from backend.service.asking import TheOwner, TheService, TheSlice, may_fail
 from backend.service.jobs.desk import (
@@ -39,10 +36,11 @@ from backend.service.jobs.desk import (
 )  # fmt: skip
 from backend.service.jobs.requests import JobRequest
 from backend.service.problems import Problem
-from backend.service.records import FINISHED, State
 from backend.service.routes.things import FILE, FilePath, send_file
 from backend.service.routes.uploads import json_alone
 from backend.service.service import Service
+from backend.service.states import FINISHED, State
+from backend.service.telling import file_answer, job_answer, list_answer
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
 EXAMPLES = {

@@ -9,7 +9,7 @@ from fastapi.concurrency import run_in_threadpool
 
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.read import decode
-from backend.service.answers import API, ID, ROOMS, ThingAnswer, thing_answer
+from backend.service.answers import API, ID, ROOMS, ThingAnswer
 from backend.service.asking import TheOwner, TheService, may_fail
 from backend.service.mechanisms import faulty, store_mechanism, store_mechanism_document
 from backend.service.problems import Problem
@@ -18,6 +18,7 @@ from backend.service.routes.things import add_routes
 from backend.service.routes.uploads import FORM, folder_body, kind_of_body, received, received_folder
 from backend.service.service import Service
 from backend.service.studies import STUDY, compose_study, store_study
+from backend.service.telling import thing_answer
 from backend.service.things import files_of
 from backend.service.videos import store_video
 

@@ -9,10 +9,12 @@ from uuid import UUID
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import FileResponse, Response, StreamingResponse
 
-from backend.service.answers import API, ROOMS, ListAnswer, ThingAnswer, list_answer, thing_answer
+from backend.service.answers import API, ROOMS, ListAnswer, ThingAnswer
 from backend.service.asking import TheOwner, TheService, TheSlice, may_fail
-from backend.service.records import Kind, StoredFile
+from backend.service.records import StoredFile
 from backend.service.service import Service
+from backend.service.states import Kind
+from backend.service.telling import list_answer, thing_answer
 from backend.service.things import delete_thing, file_of, files_of, find_thing, list_things, read_file
 
 FilePath = Annotated[str, Path(pattern=r"^[^\x00-\x1f]{1,400}$", description="As it stands in the list of files.")]
