@@ -225,6 +225,17 @@ class Climb:
         base = max(self.at_base.excess, 0.0)
         return self.search.followed == 1.0 and max(judged.excess, 0.0) < form(cause) ** 2 * base
 
+    def names_a_remainder(self, best: Cause) -> bool:
+        """Whether one of its members alone leaves no more than its form may: the other then names a remainder, as it
+        does where the pair imitates something that the library lacks.
+        """
+        alone = [self.search.tried.get((c.name,)) for c in best.candidates]
+        if len(alone) < 2 or self.search.followed < 1.0:
+            return False
+        gap = self.baseline.fitted.chi2 - best.fitted.chi2
+        left = [c.fitted.chi2 - best.fitted.chi2 for c in alone if c is not None and c.fitted.fraction == 1.0]
+        return min(left, default=np.inf) < SMALL**2 * gap
+
     def _settled(self, cause: Cause, judged: Adequacy) -> bool:
         as_blows = form(cause) > SMALL and self.slight(cause, judged)
         return (self.enough(judged) or as_blows) and not self.refused(cause)

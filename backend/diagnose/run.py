@@ -155,7 +155,7 @@ class _Inquiry:
         else:
             removed = 1.0 - max(last.excess, 0.0) / max(at_base.excess, 1e-12)
         complete = best.fitted.fraction == 1.0
-        fits = fits and len(best.candidates) <= SURE
+        fits = fits and len(best.candidates) <= SURE and not climb.names_a_remainder(best)
         verdict = "identified" if fits and complete else "approximate" if removed >= 0.9 and complete else "unknown"
         return self.report(verdict, baseline, best, enough, about, latent, at_base, p, model_free, first, after)
 
