@@ -186,6 +186,8 @@ class Climb:
 
     def confirmed(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """Of sets as large that the fitted experiments hardly tell apart, the one that held-out ones prefer."""
+        if not self.enough(last):
+            return best, last
         near = [
             c for c in self.search.tried.values()
             if len(c.candidates) == len(best.candidates) > 0 and c.fitted.fraction == best.fitted.fraction == 1.0

@@ -183,9 +183,9 @@ class _Inquiry:
             unknown = float(logsumexp(z) - np.log(len(z)))
         count = len(self.subject.library.candidates)
         belief = weigh(same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown)
-        if best.fitted.fraction == 1.0 and verdict != "none":
+        if exact and best.candidates:  # where no form is right, held-out experiments judge by what all of them lack
             near = [c for c, z in zip(belief.causes, belief.log_z, strict=True) if z > belief.log_z[0] - NEAR][:CLOSE]
-            foretold = {c.names: self.search.foretold(c, self.scale / np.sqrt(soft)) for c in near}
+            foretold = {c.names: self.search.foretold(c, self.scale) for c in near}
             belief = weigh(
                 same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown, foretold=foretold
             )
