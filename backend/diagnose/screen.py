@@ -109,6 +109,23 @@ class Screen:
         return float((1.0 + np.sum(largest >= seen)) / (DRAWS + 1.0))
 
 
+def containing(about: Screen, candidates: Sequence[Candidate]) -> dict[str, list[Candidate]]:
+    """Forms with a shape of their own, by the name of a simpler candidate at the same place that each contains."""
+    found: dict[str, list[Candidate]] = {}
+    for wide in candidates:
+        if any(wide.tries):
+            for c in candidates:
+                if c.on == wide.on and len(c.parameters) == 1 and _contains(about, wide, c):
+                    found.setdefault(c.name, []).append(wide)
+                    break
+    return found
+
+
+def _contains(about: Screen, wide: Candidate, c: Candidate) -> bool:
+    done = about.signature(c)[:, 0]
+    return bool(np.any(done)) and about.imitated(wide, done) is not None
+
+
 def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
     """Values to begin with, by name, for numbers whose slope is nothing while the effect is absent: the best of those
     worth trying, with first-order values of the rest.

@@ -16,7 +16,7 @@ from backend.diagnose.latent import Latent, forces, left_over, neighbour_correla
 from backend.diagnose.library import Candidate
 from backend.diagnose.noise import kind_of, strays
 from backend.diagnose.probe import Probe
-from backend.diagnose.screen import EARLY, Screen, screen, tuned
+from backend.diagnose.screen import EARLY, Screen, containing, screen, tuned
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
 from backend.diagnose.unseen import Left, Unseen, unseen
@@ -174,7 +174,7 @@ class Search:
         for parent in parents:
             about = self.screen(parent)
             free = [c for c in self.subject.library.candidates if _new(c, parent) and not c.sought]
-            wider = _containing(about, free)
+            wider = containing(about, free)
             plain = [c for c in free if all(c not in forms for forms in wider.values())]
             fits: list[Fitted] = []
             for candidate in self._promising(about, plain, refits):
@@ -387,23 +387,6 @@ def _in_order(fitted: Fitted) -> bool:
             if spec.at_least in own and name in own and own[name] < own[spec.at_least]:
                 return False
     return True
-
-
-def _containing(about: Screen, candidates: Sequence[Candidate]) -> dict[str, list[Candidate]]:
-    """Forms with a shape of their own, by the name of a simpler candidate at the same place that each contains."""
-    found: dict[str, list[Candidate]] = {}
-    for wide in candidates:
-        if any(wide.tries):
-            for c in candidates:
-                if c.on == wide.on and len(c.parameters) == 1 and _contains(about, wide, c):
-                    found.setdefault(c.name, []).append(wide)
-                    break
-    return found
-
-
-def _contains(about: Screen, wide: Candidate, c: Candidate) -> bool:
-    done = about.signature(c)[:, 0]
-    return bool(np.any(done)) and about.imitated(wide, done) is not None
 
 
 def _new(candidate: Candidate, parent: Cause) -> bool:

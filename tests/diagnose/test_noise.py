@@ -1,9 +1,14 @@
 """What of a record is noise, read from records whose noise is known."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from backend.diagnose.noise import estimate, good_samples
+from backend.diagnose.latent import Latent, left_over, studentised
+from backend.diagnose.noise import estimate, good_samples, strays
+from backend.diagnose.subject import bumps_at
 from backend.fit.measured import Channel, Measured
 
 
@@ -81,3 +86,13 @@ def test_a_wild_sample_at_an_end_of_the_motion_is_found(at):
     wild = at % 240
     data = record(rng, wrong=(wild,))
     assert wild in {round(100 * t) for t in data.time_s[~good_samples(data)]}
+
+
+def test_a_shift_that_follows_a_wild_last_sample_does_not_excuse_it():
+    rng = np.random.default_rng(7)
+    time = np.arange(120.0)
+    fitted: Any = SimpleNamespace(r=rng.standard_normal(120), J=np.ones((120, 1)))
+    fitted.r[-1] = 10.0
+    latent = Latent({"marker:m": bumps_at(time, 119.0, 24)}, {"marker:m": 1.0})
+    assert not strays(left_over(fitted, latent))[-1]
+    assert np.flatnonzero(strays(studentised(fitted, latent))).tolist() == [119]
