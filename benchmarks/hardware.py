@@ -57,8 +57,10 @@ def drawing() -> dict[str, Any]:
         return json.loads(export_script(design, folder, settings).read_text(encoding="utf-8"))
 
 
-def with_effects(document: dict[str, Any], play_m: float, drag: float, bed: float) -> Mechanism:
-    """The scissor with what a real one has; play_m 0: pins without play."""
+def with_effects(
+    document: dict[str, Any], play_m: float | dict[str, float], drag: float, bed: float, **walls: float
+) -> Mechanism:
+    """The scissor with what a real one has; play_m: of all pins, 0 for none, or of each by its name."""
     pins = [joint["id"] for joint in document["joints"] if joint["type"] == "revolute"]
     bars = [body["id"] for body in document["bodies"] if body["id"][0] in "AB"]
     half = 0.5 * WIDTH_M
@@ -67,8 +69,13 @@ def with_effects(document: dict[str, Any], play_m: float, drag: float, bed: floa
         {"id": "drag", "kind": "viscous_friction", "on": pins, "parameters": {"damping_n_m_s_per_rad": drag}},
         {"id": "bed", "kind": "surface_friction", "on": bars, "parameters": {"friction_coefficient": bed}},
     ]
-    if play_m:
-        effects.append({"id": "play", "kind": "clearance", "on": pins, "parameters": {"radial_m": play_m}})
+    if isinstance(play_m, dict):
+        effects += [
+            {"id": f"play_{pin}", "kind": "clearance", "on": [pin], "parameters": {"radial_m": play_m[pin], **walls}}
+            for pin in pins
+        ]
+    elif play_m:
+        effects.append({"id": "play", "kind": "clearance", "on": pins, "parameters": {"radial_m": play_m, **walls}})
     for layer in "AB":
         for i in range(CELLS - 1):
             touch = {"radius_a_m": half, "radius_b_m": half, **ends}

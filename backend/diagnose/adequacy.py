@@ -22,6 +22,13 @@ class Adequacy:
     upper: float
     noise: float
 
+    @property
+    def power(self) -> float:
+        """The excess in variances of the noise as it was believed: between two causes only this compares, because
+        what a lost motion leaves passes for noise.
+        """
+        return max(self.excess, 0.0) * max(self.noise, 1.0) ** 2
+
 
 def scaled(fitted: Fitted, scale: float) -> Fitted:
     """The same fit, had all sigmas been larger by `scale`."""

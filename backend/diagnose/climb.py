@@ -224,8 +224,8 @@ class Climb:
 
     def slight(self, cause: Cause, judged: Adequacy) -> bool:
         """Whether what a cause leaves is what its form may leave of such a gap."""
-        base = max(self.at_base.excess, 0.0)
-        return self.search.followed == 1.0 and max(judged.excess, 0.0) < form(cause) ** 2 * base
+        base = min(self.at_base.power, WIDE)
+        return self.search.followed == 1.0 and judged.power < form(cause) ** 2 * base
 
     def names_a_remainder(self, best: Cause) -> bool:
         """Whether one of its members alone leaves no more than its form may: the other then names a remainder, as it
@@ -250,7 +250,7 @@ class Climb:
         width = self.scale / weight
         gain = log_evidence(scaled(top.fitted, width)) - log_evidence(scaled(best.fitted, width))
         asked = max(WORTH, np.log(len(self.search.subject.library.candidates)) + 2.0)
-        return gain > asked and max(judged.excess, 0.0) < SAME_POWER * max(found.excess, 1e-12)
+        return gain > asked and judged.power < SAME_POWER * max(found.power, 1e-12)
 
     def _little(self, top: Cause, judged: Adequacy, depth: int) -> bool:
         """Too little is left to bear one more effect: it would be a wrong form's remainder that gets a name."""
@@ -258,14 +258,14 @@ class Climb:
         if top.fitted.fraction < 1.0:
             return False
         if depth < SURE:
-            return left < SMALL**2 * self.at_base.excess and left * top.fitted.r.size < BARE
+            return judged.power < SMALL**2 * self.at_base.power and left * top.fitted.r.size < BARE
         return left < LOUD
 
     def _out_of_reach(self, top: Cause, judged: Adequacy) -> bool:
         """Whether all candidates together, to first order, would leave most of what is left."""
         if top.fitted.fraction < 1.0:
             return False
-        return self.search.screen(top).ceiling() < IN_REACH * judged.excess * top.fitted.r.size
+        return self.search.screen(top).ceiling() < IN_REACH * judged.power * top.fitted.r.size
 
     def enough(self, judged: Adequacy) -> bool:
         """Nothing smooth is left, to the strictness of the noise or of the user's tolerance."""

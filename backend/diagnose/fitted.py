@@ -192,6 +192,7 @@ class Seer:
         return float(np.sqrt(squares / max(count, 1)))
 
 
+START_SD = 10.0  # rad or mechanism lengths, and the same for rates: what any start may lie off
 SHARES = 10.0 ** np.linspace(-3.0, 0.5, 8)  # of what an effect's file expects: nobody knows the size of a flaw
 
 
@@ -200,10 +201,21 @@ def log_evidence(fitted: Fitted) -> float:
 
     The sd of a size before any data is any of `SHARES` of what the effect's file expects, each as likely: one for each
     of two effects, a common one for more. A number that cannot be negative has twice the density on half of the line.
+    What slopes still promise where the fit ended counts for nothing: where friction sticks, no step brings it.
     """
     few, own = fitted.count, fitted.choice.own
     shift = fitted.values - fitted.choice.start
     JJ, Jr, chi2 = fitted.J.T @ fitted.J, fitted.J.T @ fitted.r, fitted.chi2
+    starts = np.full(fitted.x.size - few, START_SD**-2.0)
+
+    def towards_best(sd: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """(information, step, fall of the cost) under a prior of such deviations."""
+        H, b = JJ + np.diag(np.concatenate([sd**-2.0, starts])), Jr.copy()
+        b[:few] -= shift * sd**-2.0
+        step = np.linalg.lstsq(H, b, rcond=1e-14)[0]
+        return H, step, float(b @ step)
+
+    promised = towards_best(fitted.choice.prior_sd)[2]
     members = [len(c.parameters) for c in fitted.choice.candidates]
     apart = len(members) <= 2
     sizes = np.array([not worth for c in fitted.choice.candidates for worth in c.tries], bool)
@@ -211,11 +223,8 @@ def log_evidence(fitted: Fitted) -> float:
     for share in product(SHARES, repeat=len(members) if apart else 1):
         sd = fitted.choice.prior_sd.copy()
         sd[:own] *= np.where(sizes, np.repeat(share, members) if apart else share[0], 1.0)
-        precision = np.concatenate([sd**-2.0, fitted.precision[few:]])
-        H, b = JJ + np.diag(precision), Jr.copy()
-        b[:few] -= shift * precision[:few]
-        step = np.linalg.lstsq(H, b, rcond=1e-14)[0]
-        cost = chi2 + float(np.sum((shift / sd) ** 2)) - float(b @ step)
+        H, step, fall = towards_best(sd)
+        cost = chi2 + float(np.sum((shift / sd) ** 2)) - max(fall - promised, 0.0)
         z = -0.5 * cost - float(np.sum(np.log(sd))) - 0.5 * float(np.linalg.slogdet(H)[1])
         wide = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H, hermitian=True))[:few], 1e-300))
         for i, p in enumerate(fitted.choice.parameters):

@@ -153,7 +153,7 @@ class _Inquiry:
         if shrunk is not None and shrunk.explained is not None:
             removed = shrunk.explained
         else:
-            removed = 1.0 - max(last.excess, 0.0) / max(at_base.excess, 1e-12)
+            removed = 1.0 - last.power / max(at_base.power, 1e-12)
         complete = best.fitted.fraction == 1.0
         fits = fits and len(best.candidates) <= SURE and not climb.names_a_remainder(best)
         verdict = "identified" if fits and complete else "approximate" if removed >= 0.9 and complete else "unknown"

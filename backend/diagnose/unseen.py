@@ -27,7 +27,7 @@ RANK = 1e-7  # of the largest eigenvalue
 @dataclass(frozen=True)
 class Left:
     """What is left on held-out experiments. p: of as much from noise alone. excess: power of what smooth shifts still
-    explain [noise variances per sample].
+    explain [variances of the noise as it was believed, per sample].
     """
 
     p: float
@@ -125,7 +125,7 @@ def _judged(r: np.ndarray, values: np.ndarray, starts: np.ndarray, L: np.ndarray
     free = max(every[1] - most[1], 1.0)
     noise = max((float(r @ r) - every[0]) / max(r.size - every[1], 1.0), 1.0)
     gain = (every[0] - most[0]) / noise
-    return Left(float(chi2.sf(gain, free)), float(gain - free) / r.size)
+    return Left(float(chi2.sf(gain, free)), float(gain - free) * noise / r.size)
 
 
 def _explained(r: np.ndarray, A: np.ndarray, prior: np.ndarray) -> tuple[float, float]:

@@ -204,6 +204,8 @@ class Search:
         horizons = self._horizons(parent)
         horizons = horizons if about is self.screen(parent) else (EARLY * horizons[0], *horizons)
         fitted = fit(self.subject, choice, start=_from(begin, choice, values), fractions=horizons)
+        if not fitted.chi2 <= parent.fitted.chi2:  # it contains the parent, and went astray
+            fitted = fit(self.subject, choice, start=_from(parent.fitted, choice), fractions=horizons[-1:])
         if np.isfinite(fitted.chi2):  # a set that loses the motion from its start explains nothing
             fits.append(fitted)
 

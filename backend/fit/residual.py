@@ -90,9 +90,9 @@ class Residuals:
         """How far each camera is from its calibration, in deviations along the axes of its covariance."""
         return {source: x[z] for source, z in self._z.items()}
 
-    def holding(self, address: Address, value: float) -> Residuals:
-        """The same with a parameter of the model, not a free one, at another value."""
-        return replace(self, runs=[run.holding(address, value) for run in self.runs])
+    def holding(self, addresses: Sequence[Address], value: float) -> Residuals:
+        """The same with parameters of the model, not free ones, at another value."""
+        return replace(self, runs=[run.holding(addresses, value) for run in self.runs])
 
     def problem(self, fraction: float = 1.0, anchor: np.ndarray | None = None) -> LeastSquares:
         """Least squares over the first fraction of every record.

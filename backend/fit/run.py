@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -134,9 +135,10 @@ class Run:
         """The same experiment, and the same compiled program, for values of which some are shared."""
         return replace(self, ties=ties, _last=None)
 
-    def holding(self, address: Address, value: float) -> Run:
-        """The same experiment, and the same compiled program, with a parameter of the model at another value."""
-        return replace(self, model=self.model.with_parameters({address: jnp.asarray(value)}), _last=None)
+    def holding(self, addresses: Sequence[Address], value: float) -> Run:
+        """The same experiment, and the same compiled program, with parameters of the model at another value."""
+        given = dict.fromkeys(addresses, jnp.asarray(value))
+        return replace(self, model=self.model.with_parameters(given), _last=None)
 
     def every(self, values: Float[np.ndarray, " few"]) -> Float[np.ndarray, " all"]:
         """The value at every address."""

@@ -30,10 +30,12 @@ WORTH_SAYING = 1.05  # times as wide
 
 @dataclass(frozen=True)
 class Unstated:
-    """A parameter held at a value that nobody stated, and how far it may lie from there."""
+    """A parameter held at a value that nobody stated, and how far it may lie from there; alike in all effects of a kind
+    that leave it open: the walls of one mechanism come from one workshop.
+    """
 
     effect: str
-    address: Address
+    addresses: tuple[Address, ...]
     held: float
     far: float
     unit: str
@@ -41,7 +43,7 @@ class Unstated:
     @property
     def name(self) -> str:
         """As `--free` takes it."""
-        return f"{self.effect}.{self.address[1]}"
+        return f"{self.effect}.{self.addresses[0][1]}"
 
     def at(self, share: float) -> float:
         """Some of the way; of a stiffness in its reciprocal, the give, which is what moves the parts."""
@@ -51,12 +53,12 @@ class Unstated:
 
 
 def unstated(study: Study, model: Model, free: Sequence[FreeParameter], added: Sequence[Effect]) -> list[Unstated]:
-    """Those of every effect that has a free parameter."""
+    """Those of the kinds of effects that have a free parameter."""
     freed = {address for parameter in free for address in parameter.addresses}
     said = {
         (e, name) for experiment in study.experiments for e, given in experiment.overrides.items() for name in given
     }
-    found = []
+    found: dict[tuple[str, str, float, float, str], list[tuple[str, Address]]] = {}
     for effect in (*study.mechanism.effects, *added):
         if all(effect.id != of for of, _ in freed):
             continue
@@ -66,9 +68,12 @@ def unstated(study: Study, model: Model, free: Sequence[FreeParameter], added: S
             if address[0] != effect.id or declared.unstated is None:
                 continue
             if address[1] not in effect.parameters and address not in freed | said:
-                name = f"{effect.kind}:{place}"
-                found.append(Unstated(name, address, float(declared.default or 0.0), declared.unstated, declared.unit))
-    return found
+                of = (effect.kind, address[1], float(declared.default or 0.0), declared.unstated, declared.unit)
+                found.setdefault(of, []).append((place, address))
+    return [
+        Unstated(f"{kind}:{places[0][0] if len(places) == 1 else '*'}", tuple(a for _, a in places), held, far, unit)
+        for (kind, _, held, far, unit), places in found.items()
+    ]
 
 
 class Allowed:
@@ -128,7 +133,7 @@ class Allowed:
 
 def _change(residuals: Residuals, solution: Solution, each: Unstated) -> Callable[[float], Float[np.ndarray, " n"]]:
     """Change of the residual as a parameter goes a share of the way that it may lie off."""
-    return lambda share: residuals.holding(each.address, each.at(share)).evaluate(solution.x)[0] - solution.residual
+    return lambda share: residuals.holding(each.addresses, each.at(share)).evaluate(solution.x)[0] - solution.residual
 
 
 def _range(each: Unstated) -> str:

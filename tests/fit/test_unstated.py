@@ -114,7 +114,23 @@ def test_play_that_the_drawing_lacks_is_named_by_its_joint():
     assert "clearance:pin.restitution" in [each.name for each in found]
 
 
+def test_pins_of_which_nobody_stated_the_walls_have_walls_alike():
+    bodies, joints = _parts()
+    arm = body("arm", (0.3, 0.0, 0.0), Rotation.identity(), 0.5, bar_inertia(0.5, 0.2))
+    joints = [*joints, ("elbow", "revolute", "bar", "arm", (0.2, 0, 0), (0, 0, 1))]
+    effects = [
+        effect("here", "clearance", ["pin"], radial_m=PLAY_M),
+        effect("there", "clearance", ["elbow"], radial_m=PLAY_M, restitution=0.1),
+    ]
+    drawn = drawing("two", [*bodies, arm], joints, effects)
+    free = free_parameters(drawn, ["clearance:*"])
+    found = {each.name: len(each.addresses) for each in unstated(Study(drawn, ()), build(drawn), free.parameters, ())}
+    assert found == {
+        "clearance:*.stiffness_n_per_m": 2, "clearance:here.restitution": 1, "clearance:*.friction_coefficient": 2
+    }  # fmt: skip
+
+
 def test_half_the_way_to_a_soft_wall_is_half_its_give():
-    wall = Unstated("clearance:play", ("play", "stiffness_n_per_m"), RIGID, RUBBER, "N/m")
+    wall = Unstated("clearance:play", (("play", "stiffness_n_per_m"),), RIGID, RUBBER, "N/m")
     assert (wall.at(0.0), wall.at(1.0)) == pytest.approx((RIGID, RUBBER))
     assert 1.0 / wall.at(0.5) == pytest.approx(0.5 / RIGID + 0.5 / RUBBER)
