@@ -18,7 +18,7 @@ from backend.observe.track import Expected, Predictor, Tracker
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame
 
-TEXTURE = "texture"  # in place of a tag's number: nothing is stuck there
+TEXTURE, DARK = "texture", "dark"  # in place of a tag's number: nothing is stuck there; a dot without a colour
 TAG_RADIUS_PX = 12.0  # of the preview's circles
 SINGLE_PX = 0.02  # a sharp tag's centre (docs/kit.md)
 
@@ -26,30 +26,34 @@ SINGLE_PX = 0.02  # a sharp tag's centre (docs/kit.md)
 GivenTargets = Mapping[str, int | str] | str | Path | None
 
 
-def read_targets(targets: GivenTargets, markers: Sequence[str]) -> dict[str, int] | Literal["texture"] | None:
-    """Which tag each marker carries, from a JSON object or its file; None where dots are followed.
+def read_targets(targets: GivenTargets, markers: Sequence[str]) -> dict[str, int] | Literal["texture", "dark"] | None:
+    """Which tag each marker carries, from a JSON object or its file; None where coloured dots are followed.
 
-    "texture" where that is said of every marker.  Raises TrackingError where a marker has no tag, or two have the same.
+    "texture" or "dark" where that is said of every marker.  Raises TrackingError where a marker has no tag, or two have
+    the same.
     """
     if targets is None:
         return None
     try:
         given = json.loads(Path(targets).read_text(encoding="utf-8")) if isinstance(targets, str | Path) else targets
-        bare = [str(name) for name, tag in given.items() if tag == TEXTURE]
-        tags = {str(name): -1 if tag == TEXTURE else int(tag) for name, tag in given.items()}
+        untagged = {str(name): tag for name, tag in given.items() if tag in (TEXTURE, DARK)}
+        tags = {str(name): -1 if name in untagged else int(tag) for name, tag in given.items()}
     except (OSError, ValueError, TypeError, AttributeError) as error:
         raise TrackingError(
-            f'Targets cannot be read ({error}); write {{"marker": tag number}}, or {{"marker": "{TEXTURE}"}}.'
+            f'Targets cannot be read ({error}); write {{"marker": tag number}}, {{"marker": "{TEXTURE}"}} or '
+            f'{{"marker": "{DARK}"}}.'
         ) from error
     if wrong := sorted(set(tags) ^ set(markers)):
         raise TrackingError(
             f"Targets and drawing disagree about {', '.join(wrong)}; give every marker its tag: {', '.join(markers)}."
         )
-    if len(bare) == len(tags):
-        return TEXTURE
-    if bare:
+    ways = sorted(set(untagged.values()))
+    if len(untagged) == len(tags) and len(ways) == 1:
+        return TEXTURE if ways == [TEXTURE] else DARK
+    if untagged:
+        others = "the other markers by tags" if len(untagged) < len(tags) else "not all in the same way"
         raise TrackingError(
-            f"{', '.join(bare)} are to be followed by their texture and the other markers by tags; a clip is measured "
+            f"{', '.join(untagged)} are to be followed by their {' or '.join(ways)} and {others}; a clip is measured "
             "in one way. Put tags on these too, or follow all by texture."
         )
     if len(set(tags.values())) < len(tags):
@@ -90,8 +94,9 @@ class DotTargets:
         first: Frame,
         expected_px: Mapping[str, Float[np.ndarray, "2"]],
         clicks: Mapping[str, Sequence[float]],
+        dark: bool = False,
     ):
-        look = learn_look(first, len(expected_px), np.array([*clicks.values()], float).reshape(-1, 2))
+        look = learn_look(first, len(expected_px), np.array([*clicks.values()], float).reshape(-1, 2), dark)
         found = detect(first, look)
         named = list(label_dots(expected_px, found.px, 2 * look.ring_px, clicks).values())
         self.look = learn_whole(look, found, named)

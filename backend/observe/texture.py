@@ -118,7 +118,7 @@ class TextureTargets:
         self.warp = np.concatenate([np.tile(np.eye(2), (len(at), 1, 1)), at[:, :, None]], 2)
         self.found = Detections(at, noise, np.ones(len(at), bool), np.ones(len(at)))
         self.order = np.arange(len(at))
-        self.before, self.before_px, self.paths_px = first.luma, at, paths_px
+        self.before, self.before_px, self.paths_px, self.begun = first.luma, at, paths_px, first.index
 
     def start(self, predictor: Predictor) -> None:
         """Follow with this predictor from now on."""
@@ -128,8 +128,9 @@ class TextureTargets:
         """The points in the next picture."""
         expected = self.predictor.predict(frame.time_s)
         guess = expected[0]
-        if self.paths_px is not None and frame.index < len(self.paths_px):
-            guess = self.paths_px[frame.index]
+        later = frame.index - self.begun
+        if self.paths_px is not None and later < len(self.paths_px):
+            guess = self.paths_px[later]
         carried, returns = self._there_and_back(frame.luma, guess)
         begin = self.warp.copy()
         begin[:, :, 2] = np.where(returns[:, None], carried, guess)
