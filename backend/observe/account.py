@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from backend.observe.bed import Bed
+from backend.observe.follow_bed import FEWEST
 from backend.observe.project import AbstractView, mark_residuals_px, parallax_per_height
 from backend.observe.targets import Targets
 from backend.observe.video import Video
@@ -72,6 +73,16 @@ def warn_stick(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> l
     return [
         f"Scale is that of one known length: a camera that leans by {LEAN_DEG:.0f} degrees would place points up to "
         f"{1e3 * off:.1f} mm off (judged from a phone's usual lens), and one that moves is not noticed. Give four marks."
+    ]
+
+
+def warn_blank(followable: np.ndarray) -> list[str]:
+    """Whether too few marks show something by which a camera that moves would be noticed."""
+    if not len(followable) or followable.sum() >= FEWEST:
+        return []
+    return [
+        f"Too little is seen at {np.sum(~followable)} of {len(followable)} bed marks to follow them through the clip: a "
+        "camera that moves is not noticed."
     ]
 
 

@@ -33,7 +33,7 @@ class DotLook:
     area_px: coloured area [px^2].  radius_px, ring_px: edge of the dot, and of its ring or what serves as one.
     weight: the luma-weighted area of a whole dot [px^2].  uneven: how unlike its two sides are, by noise.
     ringed: whether a bright ring surrounds them.  dark_below: luma under which dots without a colour lie; None where
-    their colour finds them.
+    their colour finds them.  patch: areas of any shape, whose centroid is their place.
     """
 
     neutral: tuple[float, float]
@@ -46,6 +46,7 @@ class DotLook:
     uneven: float = 0.02
     ringed: bool = True
     dark_below: float | None = None
+    patch: bool = False
 
     @property
     def window_px(self) -> float:
@@ -142,11 +143,37 @@ def learn_look(frame: Frame, expected: int, hint_px: Points | None = None, dark:
     if dark:
         rough = replace(rough, dark_below=float(np.median(rays)))
     final = find_blobs(colour_mask(frame, rough))
-    own = np.hypot(*(final.px[:, None] - px[group][None]).transpose(2, 0, 1)).min(1) < size
-    area_px = float(np.median(final.area_px[own])) if own.any() else float(np.median(area[group]))
+    near = np.hypot(*(final.px[:, None] - px[group][None]).transpose(2, 0, 1)) < size
+    own = np.where(near, final.area_px[:, None], 0).max(0, initial=0)  # a glossy ball's crumbs are not its area
+    area_px = float(np.median(own[own > 0])) if own.any() else float(np.median(area[group]))
     contrast = np.maximum(np.median(rays[..., 1] - rays[..., 0], axis=1), MIN_CONTRAST)
     ringed = bool(np.median(rays[..., 1].std(1) / contrast) < ALL_ROUND)
     return replace(rough, area_px=area_px, radius_px=radius, ring_px=ring, ringed=ringed)
+
+
+def learn_patch(frame: Frame, hint_px: Points) -> DotLook:
+    """The colour and size of the areas that were clicked, of whatever shape.
+
+    Raises TrackingError where nothing was clicked, or what was has no colour of its own.
+    """
+    if not len(hint_px):
+        raise TrackingError("A patch of colour is known by a click: give --clicks, for one marker at least.")
+    neutral = float(np.median(frame.cb)), float(np.median(frame.cr))
+    size = np.array(frame.cb.shape)[::-1]
+    at = np.clip(np.round(hint_px / 2).astype(int), 2, size - 3)
+    seen = [[np.median(c[v - 2 : v + 3, u - 2 : u + 3]) for c in (frame.cb, frame.cr)] for u, v in at]
+    off = np.median(np.array(seen) - neutral, axis=0)
+    if np.hypot(*off) < MIN_COLOUR:
+        raise TrackingError(
+            f"The click at ({hint_px[0, 0]:.0f}, {hint_px[0, 1]:.0f}) is on no colour that stands out from the picture's "
+            'own; click a coloured patch, or follow what is printed there ("texture").'
+        )
+    look = DotLook(neutral, float(np.arctan2(off[1], off[0])), float(np.hypot(*off)), 0.0, 0.0, 0.0, patch=True)
+    _, areas, stats, _ = cv2.connectedComponentsWithStats(colour_mask(frame, look).astype(np.uint8), connectivity=8)
+    own = areas[at[:, 1], at[:, 0]]
+    area_px = 4.0 * float(np.median(stats[own[own > 0], cv2.CC_STAT_AREA])) if own.any() else 0.0
+    radius = float(np.sqrt(area_px / np.pi))
+    return replace(look, area_px=area_px, radius_px=radius, ring_px=1.5 * radius)
 
 
 def _has_ring(luma: np.ndarray, px: np.ndarray, area: float) -> bool:

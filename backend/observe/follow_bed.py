@@ -46,7 +46,8 @@ class BedWatch:
 
         Noise looks like texture; blurred, it does not.
         """
-        inside = ((px >= REACH_PX) & (px <= np.array(luma.shape)[::-1] - 1 - REACH_PX)).all(1)
+        margin = REACH_PX / 2
+        inside = ((px >= margin) & (px <= np.array(luma.shape)[::-1] - 1 - margin)).all(1)
         side = 2 * REACH_PX + 1
         square = self._patches(np.asarray(cv2.GaussianBlur(luma, (0, 0), GRAIN_PX), np.uint8), px).reshape(-1, side, side)
         v, u = (np.asarray(np.gradient(square, axis=axis)).reshape(-1, side**2) for axis in (1, 2))

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from backend.observe.account import summarise, warn_height, warn_marks, warn_stick
+from backend.observe.account import summarise, warn_blank, warn_height, warn_marks, warn_stick
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
 from backend.observe.camera_in_clip import camera_in_clip
 from backend.observe.cotracker import cotracker, rough_paths
-from backend.observe.follow_bed import FEWEST, BedWatch, ShakenView, settle
+from backend.observe.follow_bed import BedWatch, ShakenView, settle
 from backend.observe.kinematics import kinematics_of
 from backend.observe.label import drawn_positions
 from backend.observe.place import Record, place
@@ -26,7 +26,7 @@ from backend.observe.project import AbstractView, view_in_picture
 from backend.observe.readout import dated, error_of_readout_m, readout_of
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.shared_error import error_of_camera, error_of_marks_m
-from backend.observe.targets import DARK, TEXTURE, DotTargets, GivenTargets, TagTargets, Targets, read_targets
+from backend.observe.targets import TEXTURE, DotTargets, GivenTargets, TagTargets, Targets, Untagged, read_targets
 from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
 from backend.observe.tracking_error import TrackingError
@@ -72,7 +72,7 @@ def track_video(
     mechanism: backend.mechanism's drawing, of which markers and body poses are used.
     bed_marks: see backend.observe.bed.  clicks: marker -> (x, y) [px] in the first picture, or a JSON file.
     targets: marker -> number of the tag that it carries in place of a dot, or "texture" where nothing is stuck on any
-    marker, or "dark" where all are dots without a colour; or a JSON file.  checkpoint: of CoTracker, to say where textures are to be looked for.
+    marker, or "dark" where all are dots without a colour, "patch" where all are coloured areas of any shape; or a JSON file.  checkpoint: of CoTracker, to say where textures are to be looked for.
     keep_truncated: measure the readable part of a file that ends too early.  part: what of the clip counts.
     coast_s: fill gaps up to this long with predictions, marked `predicted`; without it a hidden dot has no
     coordinates.  progress: called with (frames done, frames in all).
@@ -98,15 +98,16 @@ def track_video(
     clicks = _read_clicks(clicks)
     tags = read_targets(targets, list(drawn))
     places = dict(zip(drawn, expected, strict=True))
-    if checkpoint and tags != TEXTURE:
+    textured = tags if isinstance(tags, Untagged) and tags.way == TEXTURE else None
+    if checkpoint and not textured:
         raise TrackingError('A CoTracker checkpoint serves bare markers alone; say {"marker": "texture"} of each.')
-    if tags == TEXTURE:
+    if textured:
         begun = np.array([clicks.get(name, px) for name, px in places.items()], float)
         paths = rough_paths(cotracker(checkpoint), Video(video_path, keep_truncated, part), begun) if checkpoint else None
-        on_pins: Targets = TextureTargets(first, dict(zip(drawn, begun, strict=True)), paths)
+        on_pins: Targets = TextureTargets(first, dict(zip(drawn, begun, strict=True)), textured.reach_px, paths)
         warnings.append(FOLLOWED)
     else:
-        on_pins = TagTargets(first, tags) if isinstance(tags, dict) else DotTargets(first, places, clicks, tags == DARK)
+        on_pins = TagTargets(first, tags) if isinstance(tags, dict) else DotTargets(first, places, clicks, tags.way if tags else "")
     if on_pins.strangers:
         warnings.append(f"{on_pins.strangers} more dots are seen than are drawn; they were followed apart.")
     slope = np.abs(np.linalg.det(view.slope(expected, heights))).mean() ** 0.5  # metres per pixel
@@ -119,11 +120,6 @@ def track_video(
     together = kinematics_of(mechanism, bed.plane, first.time_s, at)
     on_pins.start(Linked(each, together, view, heights) if together else each)
     watch = BedWatch(bed.pixels(), first.luma, video.frame_count)
-    if bed.marks and watch.followable.sum() < FEWEST:
-        warnings.append(
-            f"Too little is seen at {len(bed.marks) - watch.followable.sum()} of {len(bed.marks)} bed marks to follow them "
-            "through the clip: a camera that moves is not noticed."
-        )
     try:
         seen = _follow(first, pictures, on_pins, list(drawn), watch, painter, progress, video.frame_count)
     finally:
@@ -147,7 +143,7 @@ def track_video(
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
-    warnings += warn_stick(bed, view, px, width_px)
+    warnings += warn_stick(bed, view, px, width_px) + warn_blank(watch.followable)
     if given:
         posed = camera_in_clip(given, bed, list(drawn), seen.px, size_px)
         shared_m, tolerances = error_of_camera(posed, list(drawn), seen.px, 1 / video.frames_per_s)
