@@ -23,8 +23,8 @@ def track(
     targets: Annotated[
         Path | None,
         typer.Option(
-            help="JSON: marker to the tag it carries in place of a dot; to 'texture': nothing is stuck there; to 'dark': dots "
-            "without a colour; or to 'patch': coloured areas of any shape.",
+            help="JSON: marker to the tag it carries in place of a dot; to 'texture': nothing is stuck there; to "
+            "'dark': dots without a colour; or to 'patch': coloured areas of any shape.",
             exists=True,
             dir_okay=False,
         ),

@@ -72,7 +72,8 @@ def warn_stick(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> l
     off = (per_height * camera_m) ** 2 * np.sin(np.deg2rad(LEAN_DEG)) / camera_m
     return [
         f"Scale is that of one known length: a camera that leans by {LEAN_DEG:.0f} degrees would place points up to "
-        f"{1e3 * off:.1f} mm off (judged from a phone's usual lens), and one that moves is not noticed. Give four marks."
+        f"{1e3 * off:.1f} mm off (judged from a phone's usual lens), and one that moves is not noticed. Four bed marks "
+        "tell both."
     ]
 
 
@@ -81,8 +82,8 @@ def warn_blank(followable: np.ndarray) -> list[str]:
     if not len(followable) or followable.sum() >= FEWEST:
         return []
     return [
-        f"Too little is seen at {np.sum(~followable)} of {len(followable)} bed marks to follow them through the clip: a "
-        "camera that moves is not noticed."
+        f"Too little is seen at {np.sum(~followable)} of {len(followable)} bed marks to follow them through the clip: "
+        "a camera that moves is not noticed."
     ]
 
 

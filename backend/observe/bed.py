@@ -77,11 +77,11 @@ class Stick(Described):
 class Bed(Described):
     """Everything known about the bed.
 
-    tags: marks that are found in the first picture by themselves.  stick: in place of both.  camera: what `linktwin calibrate` saved, in
-    place of lens.  camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots above the
-    plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None; those that a camera file
-    found are taken where none are given.  mark_sd_m, marker_height_sd_m: how well the marks' places on the bed,
-    and given heights, are known.  readout_s: from the first row of a picture to the last, of a rolling shutter.
+    tags: marks that are found in the first picture by themselves.  stick: in place of both.  camera: what `linktwin
+    calibrate` saved, in place of lens.  camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots
+    above the plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None; those that a
+    camera file found are taken where none are given.  mark_sd_m, marker_height_sd_m: how well the marks' places on the
+    bed, and given heights, are known.  readout_s: from the first row of a picture to the last, of a rolling shutter.
     """
 
     marks: tuple[BedMark, ...] = ()

@@ -165,12 +165,12 @@ def learn_patch(frame: Frame, hint_px: Points) -> DotLook:
     off = np.median(np.array(seen) - neutral, axis=0)
     if np.hypot(*off) < MIN_COLOUR:
         raise TrackingError(
-            f"The click at ({hint_px[0, 0]:.0f}, {hint_px[0, 1]:.0f}) is on no colour that stands out from the picture's "
-            'own; click a coloured patch, or follow what is printed there ("texture").'
+            f"The click at ({hint_px[0, 0]:.0f}, {hint_px[0, 1]:.0f}) is on no colour that stands out from the "
+            'picture\'s own; click a coloured patch, or follow what is printed there ("texture").'
         )
     look = DotLook(neutral, float(np.arctan2(off[1], off[0])), float(np.hypot(*off)), 0.0, 0.0, 0.0, patch=True)
     _, areas, stats, _ = cv2.connectedComponentsWithStats(colour_mask(frame, look).astype(np.uint8), connectivity=8)
-    own = areas[at[:, 1], at[:, 0]]
+    own = np.asarray(areas, int)[at[:, 1], at[:, 0]]
     area_px = 4.0 * float(np.median(stats[own[own > 0], cv2.CC_STAT_AREA])) if own.any() else 0.0
     radius = float(np.sqrt(area_px / np.pi))
     return replace(look, area_px=area_px, radius_px=radius, ring_px=1.5 * radius)

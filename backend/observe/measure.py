@@ -72,7 +72,8 @@ def track_video(
     mechanism: backend.mechanism's drawing, of which markers and body poses are used.
     bed_marks: see backend.observe.bed.  clicks: marker -> (x, y) [px] in the first picture, or a JSON file.
     targets: marker -> number of the tag that it carries in place of a dot, or "texture" where nothing is stuck on any
-    marker, or "dark" where all are dots without a colour, "patch" where all are coloured areas of any shape; or a JSON file.  checkpoint: of CoTracker, to say where textures are to be looked for.
+    marker, or "dark" where all are dots without a colour, "patch" where all are coloured areas of any shape; or a
+    JSON file.  checkpoint: of CoTracker, to say where textures are to be looked for.
     keep_truncated: measure the readable part of a file that ends too early.  part: what of the clip counts.
     coast_s: fill gaps up to this long with predictions, marked `predicted`; without it a hidden dot has no
     coordinates.  progress: called with (frames done, frames in all).
@@ -103,11 +104,13 @@ def track_video(
         raise TrackingError('A CoTracker checkpoint serves bare markers alone; say {"marker": "texture"} of each.')
     if textured:
         begun = np.array([clicks.get(name, px) for name, px in places.items()], float)
-        paths = rough_paths(cotracker(checkpoint), Video(video_path, keep_truncated, part), begun) if checkpoint else None
+        again = Video(video_path, keep_truncated, part)
+        paths = rough_paths(cotracker(checkpoint), again, begun) if checkpoint else None
         on_pins: Targets = TextureTargets(first, dict(zip(drawn, begun, strict=True)), textured.reach_px, paths)
         warnings.append(FOLLOWED)
     else:
-        on_pins = TagTargets(first, tags) if isinstance(tags, dict) else DotTargets(first, places, clicks, tags.way if tags else "")
+        dots_way = tags.way if isinstance(tags, Untagged) else ""
+        on_pins = TagTargets(first, tags) if isinstance(tags, dict) else DotTargets(first, places, clicks, dots_way)
     if on_pins.strangers:
         warnings.append(f"{on_pins.strangers} more dots are seen than are drawn; they were followed apart.")
     slope = np.abs(np.linalg.det(view.slope(expected, heights))).mean() ** 0.5  # metres per pixel

@@ -100,8 +100,8 @@ class PinholeView(AbstractView):
 def calibrate(bed: Bed, width_px: int, height_px: int) -> AbstractView:
     """The view that carries the bed's marks from the picture onto the bed.
 
-    A homography where no lens is given, of a stick a similarity; else the pose of a pinhole.  Least squares where there are more
-    than four marks.  Raises TrackingError where the marks allow neither.
+    A homography where no lens is given, of a stick a similarity; else the pose of a pinhole. Least squares where
+    there are more than four marks. Raises TrackingError where the marks allow neither.
     """
     middle = np.array([(width_px - 1) / 2, (height_px - 1) / 2])
     if bed.stick:

@@ -42,7 +42,9 @@ def _untagged(word: Any) -> Untagged | None:
         return None
     made = Untagged(way, int(reach)) if reach else Untagged(way)
     if made.reach_px < LEAST_REACH_PX or (reach and way != TEXTURE):
-        raise ValueError(f"{word!r}: a texture reaches {LEAST_REACH_PX} pixels or more, other targets have their own size")
+        raise ValueError(
+            f"{word!r}: a texture reaches {LEAST_REACH_PX} pixels or more, other targets have their own size"
+        )
     return made
 
 

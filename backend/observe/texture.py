@@ -83,7 +83,8 @@ def _after(warp: Warp, change: Warp) -> Warp:
 class TextureTargets:
     """Points of a mechanism's own surface, each begun where its marker is in the first picture.
 
-    reach_px: how far round it the surface counts.  paths_px: where to look for each, from elsewhere.  Raises TrackingError where a surface cannot be followed.
+    reach_px: how far round it the surface counts.  paths_px: where to look for each, from elsewhere. Raises
+    TrackingError where a surface cannot be followed.
     """
 
     look, strangers = None, 0

@@ -140,10 +140,10 @@ WHOLE = Part()
 class Video:
     """A clip that was found readable, with a trustworthy clock.
 
-    Raises TrackingError for what is no video, for a clock that jumps, and for a file that ends too early
-    (it says how many frames could be read) unless `keep_truncated`: then the readable frames are served
-    and `warnings` says what is missing.  part: what of it counts; frames keep their numbers.  times_s: when each frame was seen [s]; a clip that plays slower than it
-    was filmed, and says so, has its times brought back.
+    Raises TrackingError for what is no video, for a clock that jumps, and for a file that ends too early (it says how
+    many frames could be read) unless `keep_truncated`: then the readable frames are served and `warnings` says what
+    is missing.  part: what of it counts; frames keep their numbers.  times_s: when each frame was seen [s]; a clip that
+    plays slower than it was filmed, and says so, has its times brought back.
     """
 
     def __init__(self, path: str | Path, keep_truncated: bool = False, part: Part = WHOLE):

@@ -155,7 +155,7 @@ def test_the_calibrations_error_is_what_misplaced_marks_do():
 
 
 def test_a_stick_gives_scale_turn_and_an_origin_outside_the_picture():
-    """A camera square to the plane, turned by 5 degrees: of the scene one length is known, and where its pivot would be."""
+    """A camera square to the plane, turned by 5 degrees: one length is known, and where the pivot would be."""
     camera = Camera(tilt_deg=(0, 0, 5))
     a, b, pivot = camera.project(np.array([[-0.2, 0.05, 0], [0.1, -0.1, 0], [0.02, 0.6, 0]]))
     across = camera.project(np.array([[0.0, 0, 0], [0.1, 0, 0]]))

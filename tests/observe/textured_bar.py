@@ -29,7 +29,8 @@ def drawing(*markers):
             ],
             "joints": [{"id": "pin", "type": "revolute", "body_a": "ground", "body_b": "bar",
                         "frame_a": level, "frame_b": level}],
-            "markers": [{"id": name, "body": "bar", "position_m": [x, y, 0]} for name, (x, y) in POINTS_M.items() if not markers or name in markers],
+            "markers": [{"id": name, "body": "bar", "position_m": [*POINTS_M[name], 0]}
+                        for name in markers or POINTS_M],
         }
     )  # fmt: skip
 
