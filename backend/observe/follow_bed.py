@@ -49,9 +49,8 @@ class BedWatch:
         margin = REACH_PX / 2
         inside = ((px >= margin) & (px <= np.array(luma.shape)[::-1] - 1 - margin)).all(1)
         side = 2 * REACH_PX + 1
-        square = self._patches(np.asarray(cv2.GaussianBlur(luma, (0, 0), GRAIN_PX), np.uint8), px).reshape(
-            -1, side, side
-        )
+        blurred = np.asarray(cv2.GaussianBlur(luma, (0, 0), GRAIN_PX), np.uint8)
+        square = self._patches(blurred, px).reshape(-1, side, side)
         v, u = (np.asarray(np.gradient(square, axis=axis)).reshape(-1, side**2) for axis in (1, 2))
         steepness = np.linalg.eigvalsh(np.stack([u, v], 1) @ np.stack([u, v], 2))[:, 0]
         return inside & (steepness > (NOISE_CODES / HOLD_PX) ** 2)

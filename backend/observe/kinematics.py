@@ -117,8 +117,8 @@ class Kinematics:
         self.flat, self.time_s = flat, time_s
         self.poses = np.zeros((len(flat.ids), 3))
         self.rate = np.zeros_like(self.poses)
-        self.age_s = np.full(len(flat.ids), START_S)  # since each body's pose was last known
-        self.strange_s = np.zeros(len(flat.ids))  # for which it was not, before it was last found again
+        self.age_s = np.zeros(len(flat.ids))  # since each body's pose was last known
+        self.strange_s = np.full(len(flat.ids), START_S)  # for which it was not, before it was last found
         self.dot_residual = np.zeros_like(seen_m)
         every = np.full(len(seen_m), SEEN_M)
         for _ in range(5):
