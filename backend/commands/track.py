@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +23,8 @@ def track(
     targets: Annotated[
         Path | None,
         typer.Option(
-            help='JSON: marker to the tag it carries in place of a dot, or to "texture": nothing is stuck there.',
+            help="JSON: marker to the tag it carries in place of a dot; to 'texture': nothing is stuck there; to "
+            "'dark': dots without a colour; or to 'patch': coloured areas of any shape.",
             exists=True,
             dir_okay=False,
         ),
@@ -34,6 +36,16 @@ def track(
     keep_truncated: Annotated[
         bool, typer.Option("--keep-truncated", help="Measure the readable part of a clip that ends too early.")
     ] = False,
+    start_s: Annotated[
+        float, typer.Option("--from", metavar="SECONDS", min=0.0, help="Where to begin, as a player shows it.")
+    ] = 0.0,
+    end_s: Annotated[
+        float | None, typer.Option("--to", metavar="SECONDS", min=0.0, help="Where to end, as a player shows it.")
+    ] = None,
+    filmed_at: Annotated[
+        float | None,
+        typer.Option(metavar="RATE", min=1.0, help="Frames a second of slow motion that does not note its rate."),
+    ] = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -45,6 +57,7 @@ def track(
         drawn = read_mechanism(mechanism)
         with progress("opening the clip") as advance:
             from backend.observe.measure import track_video
+            from backend.observe.video import Part
 
             folder = out or Path("out") / video.stem
             result = track_video(
@@ -56,6 +69,7 @@ def track(
                 targets=targets,
                 checkpoint=cotracker,
                 keep_truncated=keep_truncated,
+                part=Part(start_s, math.inf if end_s is None else end_s, filmed_at),
                 progress=counting(advance),
             )
         files = {"tracks": str(result.tracks_path), "preview": str(result.preview_path)}

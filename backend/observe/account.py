@@ -8,15 +8,19 @@ import numpy as np
 import pandas as pd
 
 from backend.observe.bed import Bed
+from backend.observe.follow_bed import FEWEST
 from backend.observe.project import AbstractView, mark_residuals_px, parallax_per_height
 from backend.observe.targets import Targets
 from backend.observe.video import Video
 
+LEAN_DEG = 3.0  # the example lean of a warning: what a hand that holds a phone upright misses
 UNKNOWN_HEIGHT_M = 0.005  # the example height of a warning: a bar's thickness
 
 
 def warn_height(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> list[str]:
     """What dots above the marks' plane do to the places, in millimetres, where that is not corrected."""
+    if bed.marker_height_m is None and bed.stick:  # whose length is one in the plane of the motion
+        return []
     if bed.marker_height_m is not None and (bed.lens or bed.camera_height_m or not _raised(bed)):
         return []
     per_height, camera_m = parallax_per_height(view, px, width_px)
@@ -48,12 +52,38 @@ def _raised(bed: Bed) -> bool:
 def warn_marks(bed: Bed, view: AbstractView) -> list[str]:
     """Which bed mark disagrees with the others, if any."""
     off = mark_residuals_px(bed, view)
+    if not len(off):
+        return []
     worst = int(off.argmax())
     if off[worst] < 3.0:
         return []
     return [
         f"Bed mark {bed.marks[worst].id} is {off[worst]:.1f} px from where the other marks put it; "
         "check its metres and its pixels."
+    ]
+
+
+def warn_stick(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> list[str]:
+    """What one known length leaves open: whether the camera leans, in millimetres, and whether it moved."""
+    if not bed.stick:
+        return []
+    # Leaning, points at r from the middle are r sin(lean) nearer or farther away: r^2 sin(lean) / distance off.
+    per_height, camera_m = parallax_per_height(view, px, width_px)
+    off = (per_height * camera_m) ** 2 * np.sin(np.deg2rad(LEAN_DEG)) / camera_m
+    return [
+        f"Scale is that of one known length: a camera that leans by {LEAN_DEG:.0f} degrees would place points up to "
+        f"{1e3 * off:.1f} mm off (judged from a phone's usual lens), and one that moves is not noticed. Four bed marks "
+        "tell both."
+    ]
+
+
+def warn_blank(followable: np.ndarray) -> list[str]:
+    """Whether too few marks show something by which a camera that moves would be noticed."""
+    if not len(followable) or followable.sum() >= FEWEST:
+        return []
+    return [
+        f"Too little is seen at {np.sum(~followable)} of {len(followable)} bed marks to follow them through the clip: "
+        "a camera that moves is not noticed."
     ]
 
 
@@ -88,9 +118,9 @@ def summarise(
         "duration_s": float(tracks.time_s.max() - tracks.time_s.min()),
         "metres_per_px": float(metres_per_px),
         "dot_radius_px": targets.radius_px if look else None,
-        "dot_hue_deg": float(np.rad2deg(look.hue_rad)) if look else None,
+        "dot_hue_deg": float(np.rad2deg(look.hue_rad)) if look and look.dark_below is None else None,
         "sigma_m": float(seen.sigma_m.median()),
-        "mark_residual_px": float(np.sqrt((mark_residuals_px(bed, view) ** 2).mean())),
+        "mark_residual_px": float(np.sqrt((mark_residuals_px(bed, view) ** 2).mean())) if bed.marks else None,
         "calibration_sd_m": calibration_sd_m,
         "markers": status_counts(tracks),
         "dots_not_drawn": len(targets.order) - tracks.marker.nunique(),

@@ -2,7 +2,7 @@
 
 The bed file is JSON: either the list of marks alone, or an object with `marks` or `tags` and any of `plane`,
 `lens` or `camera`, `camera_height_m`, `marker_height_m`, `readout_s`, and how well places and heights are known:
-`mark_sd_m`, `marker_height_sd_m`.
+`mark_sd_m`, `marker_height_sd_m`.  Of a clip that somebody else filmed often one length is known, and no mark: `stick`.
 """
 
 from __future__ import annotations
@@ -41,18 +41,52 @@ class BedTag(Described):
     y_m: Number
 
 
+class Stick(Described):
+    """A known length in the plane of the motion, of a camera that is square to it and stands still.
+
+    a_px, b_px: its ends in the picture.  origin_px: where the plane's origin is seen, which may be outside the picture;
+    a_px where None.  turn_deg: by which the plane's x axis is seen turned from the picture's level to the left.
+    """
+
+    a_px: tuple[Number, Number]
+    b_px: tuple[Number, Number]
+    length_m: Annotated[Number, Field(gt=0)]
+    origin_px: tuple[Number, Number] | None = None
+    turn_deg: Number = 0.0
+
+    @model_validator(mode="after")
+    def _has_length(self) -> Stick:
+        if self.length_px < 1:
+            raise ValueError("its ends fall on one pixel; give two points of the picture that are far apart")
+        return self
+
+    @property
+    def length_px(self) -> float:
+        """As it is seen [px]."""
+        return float(np.hypot(*np.subtract(self.b_px, self.a_px)))
+
+    def to_metres(self) -> Float[np.ndarray, "3 3"]:
+        """The homography from pixels, whose v runs down, to the plane."""
+        s, turn = self.length_m / self.length_px, np.deg2rad(self.turn_deg)
+        A = s * np.array([[np.cos(turn), -np.sin(turn)], [-np.sin(turn), -np.cos(turn)]])
+        H = np.eye(3)
+        H[:2, :2], H[:2, 2] = A, -A @ np.array(self.a_px if self.origin_px is None else self.origin_px)
+        return H
+
+
 class Bed(Described):
     """Everything known about the bed.
 
-    tags: marks that are found in the first picture by themselves.  camera: what `linktwin calibrate` saved, in
-    place of lens.  camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots above the
-    plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None; those that a camera file
-    found are taken where none are given.  mark_sd_m, marker_height_sd_m: how well the marks' places on the bed,
-    and given heights, are known.  readout_s: from the first row of a picture to the last, of a rolling shutter.
+    tags: marks that are found in the first picture by themselves.  stick: in place of both.  camera: what `linktwin
+    calibrate` saved, in place of lens.  camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots
+    above the plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None; those that a
+    camera file found are taken where none are given.  mark_sd_m, marker_height_sd_m: how well the marks' places on the
+    bed, and given heights, are known.  readout_s: from the first row of a picture to the last, of a rolling shutter.
     """
 
     marks: tuple[BedMark, ...] = ()
     tags: tuple[BedTag, ...] = ()
+    stick: Stick | None = None
     plane: Plane = Plane()
     lens: Lens | None = None
     camera: Camera | None = None
@@ -68,13 +102,19 @@ class Bed(Described):
             raise ValueError("both lens and camera are given; keep one of them")
         return self
 
+    @model_validator(mode="after")
+    def _stick_alone(self) -> Bed:
+        if self.stick and (self.marks or self.tags or self.lens or self.camera):
+            raise ValueError("a stick stands in for marks, tags, lens and camera; give it without them")
+        return self
+
     def metres(self) -> Float[np.ndarray, "mark 2"]:
         """The marks on the bed [m]."""
-        return np.array([[m.x_m, m.y_m] for m in self.marks])
+        return np.array([[m.x_m, m.y_m] for m in self.marks]).reshape(-1, 2)
 
     def pixels(self) -> Float[np.ndarray, "mark 2"]:
         """The marks in the picture [px]."""
-        return np.array([[m.x_px, m.y_px] for m in self.marks])
+        return np.array([[m.x_px, m.y_px] for m in self.marks]).reshape(-1, 2)
 
     def heights(self, markers: Sequence[str]) -> tuple[Float[np.ndarray, "marker"], list[str]]:
         """Height of each marker above the marks' plane [m], zero where unknown, and what is to be said of it.
@@ -116,11 +156,13 @@ def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
 def _checked(bed: Bed) -> Bed:
     if bed.marker_height_m is None and bed.camera and bed.camera.pose and bed.camera.pose.marker_height_m:
         bed = bed.model_copy(update={"marker_height_m": bed.camera.pose.marker_height_m})
+    if bed.stick:
+        return bed
     ids = [m.id for m in bed.marks] + [f"tag {t.id}" for t in bed.tags]
     if len(ids) < 4:
         raise TrackingError(
             f"{len(ids)} bed marks are given ({', '.join(ids) or 'none'}); four or more fix the bed. "
-            "Mark more known points, spread over the whole bed."
+            "Mark more known points, spread over the whole bed; or give a stick where one length is all that is known."
         )
     if repeated := sorted({i for i in ids if ids.count(i) > 1}):
         raise TrackingError(f"Bed mark {', '.join(repeated)} is given twice; give each mark its own id.")

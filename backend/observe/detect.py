@@ -18,6 +18,7 @@ from backend.observe.rim import fit_rims
 from backend.observe.video import Frame
 
 Patch = Float[np.ndarray, "n k k"]
+ALIKE = 0.4  # of the logarithm of its area: what light and blur do to a patch that nothing covers
 LEAST_RIM = 0.8  # of a bare dot's rim must be seen
 PASSES = 3  # the window follows the centroid; it moves less than 0.001 px in a fourth
 # A whole dot, still or blurred by its motion, looks alike from both sides.
@@ -48,11 +49,20 @@ def detect(frame: Frame, look: DotLook) -> Detections:
     """All dots that have the clip's look and lie clear of the picture's edge."""
     blobs = find_blobs(colour_mask(frame, look))
     height, width = frame.luma.shape
-    margin = look.ring_px + 2
+    margin = look.radius_px if look.patch else look.ring_px + 2
     inside = ((blobs.px > margin) & (blobs.px < np.array([width, height]) - 1 - margin)).all(1)
     sized = (blobs.area_px > 0.35 * look.area_px) & (blobs.area_px < 2.5 * look.area_px)
+    if look.patch:
+        return _patches(blobs.px[inside & sized], blobs.area_px[inside & sized], look)
     found = weigh(frame.luma, blobs.px[inside & sized], look)
     return found if look.ringed or not len(found) else _bare(frame.luma, found, look)
+
+
+def _patches(px: Float[np.ndarray, "n 2"], area_px: Float[np.ndarray, "n"], look: DotLook) -> Detections:
+    """Areas of the clip's colour; whole where they are as large as at first."""
+    rim_px = 2 * np.pi * look.radius_px  # each pixel of which is in or out
+    cov = np.tile(np.eye(2) / rim_px, (len(px), 1, 1))
+    return Detections(px, cov, np.abs(np.log(area_px / look.area_px)) < ALIKE, area_px)
 
 
 def _bare(luma: np.ndarray, found: Detections, look: DotLook) -> Detections:

@@ -6,11 +6,11 @@ colours, so hue, saturation and size are measured in the clip itself, never assu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame
@@ -19,7 +19,9 @@ Points = Float[np.ndarray, "n 2"]
 ANGLES = np.linspace(0, 2 * np.pi, 32, endpoint=False)
 MIN_COLOUR = 12.0  # codes away from the bed's own colour; below this, compression paints grey things
 MIN_CONTRAST = 15.0  # luma codes between dot and ring
+LARGEST = 0.05  # of the picture: a ball that fills more leaves no room to move in
 ALL_ROUND = 0.1  # of the contrast: what surrounds a dot varies by less where it is a printed ring
+SIZE_GAP = 2.0  # dots of one print differ less than this in area
 HUE_GAP_DEG = 25.0  # dots of one print differ less than this in hue, different inks more
 
 
@@ -30,7 +32,8 @@ class DotLook:
     neutral: (cb, cr) of the bed.  hue_rad, saturation: polar colour difference from it [rad, codes].
     area_px: coloured area [px^2].  radius_px, ring_px: edge of the dot, and of its ring or what serves as one.
     weight: the luma-weighted area of a whole dot [px^2].  uneven: how unlike its two sides are, by noise.
-    ringed: whether a bright ring surrounds them.
+    ringed: whether a bright ring surrounds them.  dark_below: luma under which dots without a colour lie; None where
+    their colour finds them.  patch: areas of any shape, whose centroid is their place.
     """
 
     neutral: tuple[float, float]
@@ -42,6 +45,8 @@ class DotLook:
     weight: float = 0.0
     uneven: float = 0.02
     ringed: bool = True
+    dark_below: float | None = None
+    patch: bool = False
 
     @property
     def window_px(self) -> float:
@@ -66,7 +71,9 @@ def find_blobs(mask: Bool[np.ndarray, "h2 w2"]) -> Blobs:
 
 
 def colour_mask(frame: Frame, look: DotLook) -> Bool[np.ndarray, "h2 w2"]:
-    """Where the picture has the dots' hue, and more than half of their saturation."""
+    """Where the picture has the dots' hue, and more than half of their saturation; or is as dark as they are."""
+    if look.dark_below is not None:
+        return _halved(frame) < look.dark_below
     c, s = float(np.cos(look.hue_rad)), float(np.sin(look.hue_rad))
     cb0, cr0 = look.neutral
     along = cv2.addWeighted(frame.cb, c, frame.cr, s, -(c * cb0 + s * cr0))
@@ -83,32 +90,46 @@ def radial_profile(luma: np.ndarray, px: Points, radii: Float[np.ndarray, "r"]) 
     return cv2.remap(luma, *flat, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(shape).astype(float)
 
 
-def learn_look(frame: Frame, expected: int, hint_px: Points | None = None) -> DotLook:
+def _halved(frame: Frame) -> UInt8[np.ndarray, "h2 w2"]:
+    """Luma at the resolution of the colours."""
+    return np.asarray(cv2.resize(frame.luma, frame.cb.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _darker(frame: Frame) -> Bool[np.ndarray, "h2 w2"]:
+    """Where the picture is darker than round about."""
+    luma = _halved(frame)
+    side = 2 * (min(luma.shape) // 16) + 1
+    return luma + MIN_CONTRAST < cv2.blur(luma, (side, side))
+
+
+def learn_look(frame: Frame, expected: int, hint_px: Points | None = None, dark: bool = False) -> DotLook:
     """Measure the dots of a clip in one picture.
 
     expected: dots in the drawing; where several colours are seen, the one whose number is nearest counts.
-    hint_px: points known to lie on dots (clicks), which settle the colour.
+    hint_px: points known to lie on dots (clicks), which settle the colour.  dark: they have none, and are found as dark
+    spots on lighter ground.
     Raises TrackingError when nothing looks like a dot.
     """
     cb, cr = frame.cb.astype(np.float32), frame.cr.astype(np.float32)
     neutral = float(np.median(cb)), float(np.median(cr))
     colour = np.hypot(cb - neutral[0], cr - neutral[1])
-    blobs = find_blobs(colour > MIN_COLOUR)
+    blobs = find_blobs(_darker(frame) if dark else colour > MIN_COLOUR)
     round_ = blobs.area_px > 0.5 * np.pi / 4 * blobs.side_px**2
-    sized = (blobs.area_px >= 16) & (blobs.area_px < 0.01 * frame.luma.size)
+    sized = (blobs.area_px >= 16) & (blobs.area_px < LARGEST * frame.luma.size)
     px, area = blobs.px[round_ & sized], blobs.area_px[round_ & sized]
     ringed = np.array([_has_ring(frame.luma, p, a) for p, a in zip(px, area, strict=True)], bool)
     px, area = px[ringed], area[ringed]
     if len(px) == 0:
         raise TrackingError(
-            f"No marker found in the first picture: {len(blobs.px)} coloured areas, none a round dot darker "
-            "than its surroundings. Put saturated dots on white rings (dot at least 8 pixels across), "
-            "light them evenly and keep the exposure short."
+            f"No marker found in the first picture: {len(blobs.px)} {'dark' if dark else 'coloured'} areas, none a "
+            "round dot darker than its surroundings. Put saturated dots on white rings (dot at least 8 pixels across), "
+            'light them evenly and keep the exposure short. Of a clip as it is: {"marker": "dark"} in --targets '
+            'follows black dots, {"marker": "texture"} what is printed there, and --from starts it later.'
         )
     at = np.clip(np.round(px / 2).astype(int), 0, np.array(cb.shape)[::-1] - 1)
     hue = np.arctan2(cr[at[:, 1], at[:, 0]] - neutral[1], cb[at[:, 1], at[:, 0]] - neutral[0])
     saturation = colour[at[:, 1], at[:, 0]]
-    groups = _hue_groups(hue)
+    groups = _size_groups(area) if dark else _hue_groups(hue)
     if hint_px is not None and len(hint_px):
         near = np.hypot(*(px[:, None] - hint_px[None]).transpose(2, 0, 1)).argmin(0)
         group = max(groups, key=lambda g: len(np.intersect1d(g, near)))
@@ -118,13 +139,41 @@ def learn_look(frame: Frame, expected: int, hint_px: Points | None = None) -> Do
     size = float(np.sqrt(np.median(area[group]) / np.pi))
     rough = DotLook(neutral, mean_hue, float(np.median(saturation[group])), 0.0, size, 1.5 * size)
     radius, ring = _edges(frame.luma, px[group], size)
-    final = find_blobs(colour_mask(frame, rough))
-    own = np.hypot(*(final.px[:, None] - px[group][None]).transpose(2, 0, 1)).min(1) < size
-    area_px = float(np.median(final.area_px[own])) if own.any() else float(np.median(area[group]))
     rays = radial_profile(frame.luma, px[group], np.array([0.5 * radius, (radius + ring) / 2]))
+    if dark:
+        rough = replace(rough, dark_below=float(np.median(rays)))
+    final = find_blobs(colour_mask(frame, rough))
+    near = np.hypot(*(final.px[:, None] - px[group][None]).transpose(2, 0, 1)) < size
+    own = np.where(near, final.area_px[:, None], 0).max(0, initial=0)  # a glossy ball's crumbs are not its area
+    area_px = float(np.median(own[own > 0])) if own.any() else float(np.median(area[group]))
     contrast = np.maximum(np.median(rays[..., 1] - rays[..., 0], axis=1), MIN_CONTRAST)
     ringed = bool(np.median(rays[..., 1].std(1) / contrast) < ALL_ROUND)
-    return DotLook(neutral, mean_hue, rough.saturation, area_px, radius, ring, ringed=ringed)
+    return replace(rough, area_px=area_px, radius_px=radius, ring_px=ring, ringed=ringed)
+
+
+def learn_patch(frame: Frame, hint_px: Points) -> DotLook:
+    """The colour and size of the areas that were clicked, of whatever shape.
+
+    Raises TrackingError where nothing was clicked, or what was has no colour of its own.
+    """
+    if not len(hint_px):
+        raise TrackingError("A patch of colour is known by a click: give --clicks, for one marker at least.")
+    neutral = float(np.median(frame.cb)), float(np.median(frame.cr))
+    size = np.array(frame.cb.shape)[::-1]
+    at = np.clip(np.round(hint_px / 2).astype(int), 2, size - 3)
+    seen = [[np.median(c[v - 2 : v + 3, u - 2 : u + 3]) for c in (frame.cb, frame.cr)] for u, v in at]
+    off = np.median(np.array(seen) - neutral, axis=0)
+    if np.hypot(*off) < MIN_COLOUR:
+        raise TrackingError(
+            f"The click at ({hint_px[0, 0]:.0f}, {hint_px[0, 1]:.0f}) is on no colour that stands out from the "
+            'picture\'s own; click a coloured patch, or follow what is printed there ("texture").'
+        )
+    look = DotLook(neutral, float(np.arctan2(off[1], off[0])), float(np.hypot(*off)), 0.0, 0.0, 0.0, patch=True)
+    _, areas, stats, _ = cv2.connectedComponentsWithStats(colour_mask(frame, look).astype(np.uint8), connectivity=8)
+    own = np.asarray(areas, int)[at[:, 1], at[:, 0]]
+    area_px = 4.0 * float(np.median(stats[own[own > 0], cv2.CC_STAT_AREA])) if own.any() else 0.0
+    radius = float(np.sqrt(area_px / np.pi))
+    return replace(look, area_px=area_px, radius_px=radius, ring_px=1.5 * radius)
 
 
 def _has_ring(luma: np.ndarray, px: np.ndarray, area: float) -> bool:
@@ -143,6 +192,12 @@ def _hue_groups(hue: Float[np.ndarray, "n"]) -> list[np.ndarray]:
     if len(cuts) == 0:
         return [order]
     return np.split(np.roll(order, -(cuts[0] + 1)), np.diff(cuts).cumsum())
+
+
+def _size_groups(area_px: Float[np.ndarray, "n"]) -> list[np.ndarray]:
+    """Indices of dots whose areas follow each other without a gap."""
+    order = np.argsort(area_px)
+    return np.split(order, np.flatnonzero(np.diff(np.log(area_px[order])) > np.log(SIZE_GAP)) + 1)
 
 
 def _edges(luma: np.ndarray, px: Points, size: float) -> tuple[float, float]:

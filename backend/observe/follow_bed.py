@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from backend.observe.bed import Bed
 from backend.observe.project import AbstractView, calibrate
+from backend.observe.texture import GRAIN_PX, HOLD_PX, NOISE_CODES
 
 REACH_PX = 24  # half the side of what is laid over: the middle of a tag of 80 px
 STEPS = 6  # of Lucas and Kanade; a mark moves a few pixels from picture to picture
@@ -36,11 +37,28 @@ class BedWatch:
         flat = np.ones_like(seen)
         basis = np.stack([slope_u.reshape(seen.shape), slope_v.reshape(seen.shape), seen, flat], -1)
         self.basis, self.solve = basis, np.linalg.pinv(basis)
+        self.followable = self._followable(luma, px)
         self.moved = np.full((frames, len(px), 2), np.nan, np.float32)
         self.count = 0
 
+    def _followable(self, luma: UInt8[np.ndarray, "h w"], px: Float[np.ndarray, "mark 2"]) -> Bool[np.ndarray, "mark"]:
+        """Which marks lie clear of the picture's edge, with something round them that tells where they are.
+
+        Noise looks like texture; blurred, it does not.
+        """
+        margin = REACH_PX / 2
+        inside = ((px >= margin) & (px <= np.array(luma.shape)[::-1] - 1 - margin)).all(1)
+        side = 2 * REACH_PX + 1
+        blurred = np.asarray(cv2.GaussianBlur(luma, (0, 0), GRAIN_PX), np.uint8)
+        square = self._patches(blurred, px).reshape(-1, side, side)
+        v, u = (np.asarray(np.gradient(square, axis=axis)).reshape(-1, side**2) for axis in (1, 2))
+        steepness = np.linalg.eigvalsh(np.stack([u, v], 1) @ np.stack([u, v], 2))[:, 0]
+        return inside & (steepness > (NOISE_CODES / HOLD_PX) ** 2)
+
     def _patches(self, luma: np.ndarray, px: np.ndarray) -> Float[np.ndarray, "mark k"]:
         u, v = (px[:, j, None].astype(np.float32) + d for j, d in ((0, self.du), (1, self.dv)))
+        if not u.size:  # a bed without marks
+            return u
         return cv2.remap(luma, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
 
     def look(self, luma: UInt8[np.ndarray, "h w"]) -> None:
@@ -51,7 +69,7 @@ class BedWatch:
             fit = np.einsum("mik,mk->mi", self.solve, seen)
             at = at - np.clip(fit[:, :2] / np.where(np.abs(fit[:, 2:3]) > 0.2, fit[:, 2:3], np.inf), -3, 3)
         rest = seen - np.einsum("mki,mi->mk", self.basis, fit)
-        sound = (rest.var(1) < (1 - ALIKE) * seen.var(1)) & (fit[:, 2] > 0.2)
+        sound = self.followable & (rest.var(1) < (1 - ALIKE) * seen.var(1)) & (fit[:, 2] > 0.2)
         if sound.any():
             step = np.median((at - self.px)[sound], axis=0)
             self.step = step if self.count else np.zeros(2)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from backend.observe.account import summarise, warn_height, warn_marks
+from backend.observe.account import summarise, warn_blank, warn_height, warn_marks, warn_stick
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
@@ -26,11 +26,11 @@ from backend.observe.project import AbstractView, view_in_picture
 from backend.observe.readout import dated, error_of_readout_m, readout_of
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.shared_error import error_of_camera, error_of_marks_m
-from backend.observe.targets import TEXTURE, DotTargets, GivenTargets, TagTargets, Targets, read_targets
+from backend.observe.targets import TEXTURE, DotTargets, GivenTargets, TagTargets, Targets, Untagged, read_targets
 from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
 from backend.observe.tracking_error import TrackingError
-from backend.observe.video import Frame, Video
+from backend.observe.video import WHOLE, Frame, Part, Video
 from backend.observe.write import write_tracks
 
 GREATEST_ACCELERATION = 60.0  # m/s^2: six g, beyond what springs and hands do to a linkage on a table
@@ -62,6 +62,7 @@ def track_video(
     targets: GivenTargets = None,
     checkpoint: str | Path | None = None,
     keep_truncated: bool = False,
+    part: Part = WHOLE,
     coast_s: float = 0.0,
     preview: bool = True,
     progress: Callable[[int, int], None] | None = None,
@@ -71,8 +72,9 @@ def track_video(
     mechanism: backend.mechanism's drawing, of which markers and body poses are used.
     bed_marks: see backend.observe.bed.  clicks: marker -> (x, y) [px] in the first picture, or a JSON file.
     targets: marker -> number of the tag that it carries in place of a dot, or "texture" where nothing is stuck on any
-    marker, or a JSON file.  checkpoint: of CoTracker, to say where textures are to be looked for.
-    keep_truncated: measure the readable part of a file that ends too early.
+    marker, or "dark" where all are dots without a colour, "patch" where all are coloured areas of any shape; or a
+    JSON file.  checkpoint: of CoTracker, to say where textures are to be looked for.
+    keep_truncated: measure the readable part of a file that ends too early.  part: what of the clip counts.
     coast_s: fill gaps up to this long with predictions, marked `predicted`; without it a hidden dot has no
     coordinates.  progress: called with (frames done, frames in all).
     Raises TrackingError with a sentence where the clip, the marks or the dots cannot be used.
@@ -82,7 +84,7 @@ def track_video(
     if not drawn:
         raise TrackingError("The drawing has no markers; add a marker for each dot that is to be followed.")
     heights, warnings = bed.heights(list(drawn))
-    video = Video(video_path, keep_truncated)
+    video = Video(video_path, keep_truncated, part)
     pictures = iter(video)
     first = next(pictures, None)
     if first is None:
@@ -97,15 +99,18 @@ def track_video(
     clicks = _read_clicks(clicks)
     tags = read_targets(targets, list(drawn))
     places = dict(zip(drawn, expected, strict=True))
-    if checkpoint and tags != TEXTURE:
+    textured = tags if isinstance(tags, Untagged) and tags.way == TEXTURE else None
+    if checkpoint and not textured:
         raise TrackingError('A CoTracker checkpoint serves bare markers alone; say {"marker": "texture"} of each.')
-    if tags == TEXTURE:
+    if textured:
         begun = np.array([clicks.get(name, px) for name, px in places.items()], float)
-        paths = rough_paths(cotracker(checkpoint), Video(video_path, keep_truncated), begun) if checkpoint else None
-        on_pins: Targets = TextureTargets(first, dict(zip(drawn, begun, strict=True)), paths)
+        again = Video(video_path, keep_truncated, part)
+        paths = rough_paths(cotracker(checkpoint), again, begun) if checkpoint else None
+        on_pins: Targets = TextureTargets(first, dict(zip(drawn, begun, strict=True)), textured.reach_px, paths)
         warnings.append(FOLLOWED)
     else:
-        on_pins = TagTargets(first, tags) if tags else DotTargets(first, places, clicks)
+        dots_way = tags.way if isinstance(tags, Untagged) else ""
+        on_pins = TagTargets(first, tags) if isinstance(tags, dict) else DotTargets(first, places, clicks, dots_way)
     if on_pins.strangers:
         warnings.append(f"{on_pins.strangers} more dots are seen than are drawn; they were followed apart.")
     slope = np.abs(np.linalg.det(view.slope(expected, heights))).mean() ** 0.5  # metres per pixel
@@ -141,6 +146,7 @@ def track_video(
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
+    warnings += warn_stick(bed, view, px, width_px) + warn_blank(watch.followable)
     if given:
         posed = camera_in_clip(given, bed, list(drawn), seen.px, size_px)
         shared_m, tolerances = error_of_camera(posed, list(drawn), seen.px, 1 / video.frames_per_s)
@@ -207,6 +213,6 @@ def _follow(
             shown = np.where(index[:own, None] >= 0, seen.px[-1], expected[:own])
             painter.show(frame, names, shown, seen.status[-1].tolist(), 1.5 * targets.radius_px)
         if progress:
-            progress(frame.index + 1, count)
+            progress(frame.index - first.index + 1, count)
         frame = next(pictures, None)
     return seen

@@ -100,10 +100,12 @@ class PinholeView(AbstractView):
 def calibrate(bed: Bed, width_px: int, height_px: int) -> AbstractView:
     """The view that carries the bed's marks from the picture onto the bed.
 
-    A homography where no lens is given, else the pose of a pinhole.  Least squares where there are more
-    than four marks.  Raises TrackingError where the marks allow neither.
+    A homography where no lens is given, of a stick a similarity; else the pose of a pinhole. Least squares where
+    there are more than four marks. Raises TrackingError where the marks allow neither.
     """
     middle = np.array([(width_px - 1) / 2, (height_px - 1) / 2])
+    if bed.stick:
+        return HomographyView(bed.stick.to_metres(), middle, bed.camera_height_m)
     if bed.lens is None:
         H, _ = cv2.findHomography(bed.pixels(), bed.metres())
         if H is None or not np.isfinite(H).all():

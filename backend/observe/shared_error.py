@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,13 +31,23 @@ def error_of_marks_m(
     bed: with marks in place of tags; its lens counts as exact.
     """
     nominal, total = view.metres(px, height_m), 0.0
+    for other in _missed(bed):
+        total += float(((calibrate(other, *size_px).metres(px, height_m) - nominal) ** 2).sum(1).mean() / 2)
+    return float(np.sqrt(total))
+
+
+def _missed(bed: Bed) -> Iterator[Bed]:
+    """The bed with each coordinate that was read off the picture wrong by one of its deviations."""
     for k, mark in enumerate(bed.marks):
         sd = TAG_SD_PX if mark.id.startswith("tag ") else MARK_SD_PX
         for shift in ({"x_px": mark.x_px + sd}, {"y_px": mark.y_px + sd}):
             moved = (*bed.marks[:k], mark.model_copy(update=shift), *bed.marks[k + 1 :])
-            other = calibrate(bed.model_copy(update={"marks": moved}), *size_px)
-            total += float(((other.metres(px, height_m) - nominal) ** 2).sum(1).mean() / 2)
-    return float(np.sqrt(total))
+            yield bed.model_copy(update={"marks": moved})
+    if bed.stick:
+        ends = {"a_px": bed.stick.a_px, "b_px": bed.stick.b_px, "origin_px": bed.stick.origin_px or bed.stick.a_px}
+        for end, (u, v) in ends.items():
+            for at in ((u + MARK_SD_PX, v), (u, v + MARK_SD_PX)):
+                yield bed.model_copy(update={"stick": bed.stick.model_copy(update={**ends, end: at})})
 
 
 def error_of_camera(

@@ -15,17 +15,17 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from backend.observe.detect import Detections
+from backend.observe.targets import REACH_PX
 from backend.observe.track import Expected, Predictor
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame
 
-REACH_PX = 10  # of the surroundings that count: a bar of 10 mm at 0.5 mm a pixel
 STEPS = 12
 ALIKE = 0.7  # of the contrast is explained where nothing covers the point
 RETURN_PX = 1.0  # from picture to picture and back
 HOLD_PX = 0.1  # what noise may do to a place on a surface that can be followed
 GRAIN_PX = 1.5  # of what counts as texture: finer grain is noise
-WINDOW = (2 * REACH_PX + 1, 2 * REACH_PX + 1)
+WIDEST_PX = 20  # reach of the window from picture to picture; its pyramid looks farther
 EMPTY = 1e-6  # codes^2, far below what any texture tells: nothing to see is known to a kilopixel
 NOISE_CODES = 2.0  # of a sharp picture, at least
 Warp = Float[np.ndarray, "n 2 3"]
@@ -34,10 +34,10 @@ Warp = Float[np.ndarray, "n 2 3"]
 class Surroundings:
     """Discs of one picture about some points, and how they change when they move, stretch or turn."""
 
-    def __init__(self, luma: UInt8[np.ndarray, "h w"], px: Float[np.ndarray, "n 2"]):
-        k = np.arange(-REACH_PX, REACH_PX + 1)
+    def __init__(self, luma: UInt8[np.ndarray, "h w"], px: Float[np.ndarray, "n 2"], reach_px: int):
+        k = np.arange(-reach_px, reach_px + 1)
         dv, du = (d.astype(np.float32) for d in np.meshgrid(k, k, indexing="ij"))
-        inside = np.hypot(du, dv) <= REACH_PX + 0.5
+        inside = np.hypot(du, dv) <= reach_px + 0.5
         self.at = np.stack([du[inside], dv[inside], np.ones(inside.sum())])
         still = np.concatenate([np.tile(np.eye(2), (len(px), 1, 1)), px[:, :, None]], 2)
         seen, half = self._sample(luma, still), 0.5 * np.eye(2)[:, :, None] * [0, 0, 1]  # half a pixel along u, along v
@@ -83,32 +83,37 @@ def _after(warp: Warp, change: Warp) -> Warp:
 class TextureTargets:
     """Points of a mechanism's own surface, each begun where its marker is in the first picture.
 
-    paths_px: where to look for each, from elsewhere.  Raises TrackingError where a surface cannot be followed.
+    reach_px: how far round it the surface counts.  paths_px: where to look for each, from elsewhere. Raises
+    TrackingError where a surface cannot be followed.
     """
 
-    look, strangers, radius_px = None, 0, float(REACH_PX)
+    look, strangers = None, 0
 
     def __init__(
         self,
         first: Frame,
         start_px: Mapping[str, Float[np.ndarray, "2"]],
+        reach_px: int = REACH_PX,
         paths_px: Float[np.ndarray, "frame marker 2"] | None = None,
     ):
         at = np.array(list(start_px.values()), float)
         size = np.array(first.luma.shape)[::-1]
-        outside = ((at < REACH_PX) | (at > size - 1 - REACH_PX)).any(1)
+        self.radius_px, window = float(reach_px), 2 * min(reach_px, WIDEST_PX) + 1
+        self.flow = {"winSize": (window, window), "maxLevel": 2, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+        outside = ((at < reach_px) | (at > size - 1 - reach_px)).any(1)
         within = at.clip(0, size - 1)
-        self.own = Surroundings(first.luma, within)
+        self.own = Surroundings(first.luma, within, reach_px)
         codes = np.full(len(at), NOISE_CODES)
         noise = self.own.noise_px2(codes)
         # Noise looks like texture; blurred, it does not.
-        blurred = Surroundings(np.asarray(cv2.GaussianBlur(first.luma, (0, 0), GRAIN_PX), np.uint8), within)
+        blurred = Surroundings(np.asarray(cv2.GaussianBlur(first.luma, (0, 0), GRAIN_PX), np.uint8), within, reach_px)
         smooth = np.linalg.eigvalsh(blurred.noise_px2(codes))[:, -1] > HOLD_PX**2
         cases = (
-            (np.asarray(outside), f"within {REACH_PX} px of the picture's edge"),
+            (np.asarray(outside), f"within {reach_px} px of the picture's edge"),
             (
                 np.asarray(smooth & ~outside),
-                "on a surface too smooth to be followed; stick a ringed dot or a tag there",
+                "on a surface too smooth to be followed; stick a ringed dot or a tag there, or let more of it count: "
+                f'"texture:{2 * reach_px}"',
             ),
         )
         for names, why in cases:
@@ -118,7 +123,7 @@ class TextureTargets:
         self.warp = np.concatenate([np.tile(np.eye(2), (len(at), 1, 1)), at[:, :, None]], 2)
         self.found = Detections(at, noise, np.ones(len(at), bool), np.ones(len(at)))
         self.order = np.arange(len(at))
-        self.before, self.before_px, self.paths_px = first.luma, at, paths_px
+        self.before, self.before_px, self.paths_px, self.begun = first.luma, at, paths_px, first.index
 
     def start(self, predictor: Predictor) -> None:
         """Follow with this predictor from now on."""
@@ -128,13 +133,14 @@ class TextureTargets:
         """The points in the next picture."""
         expected = self.predictor.predict(frame.time_s)
         guess = expected[0]
-        if self.paths_px is not None and frame.index < len(self.paths_px):
-            guess = self.paths_px[frame.index]
+        later = frame.index - self.begun
+        if self.paths_px is not None and later < len(self.paths_px):
+            guess = self.paths_px[later]
         carried, returns = self._there_and_back(frame.luma, guess)
         begin = self.warp.copy()
         begin[:, :, 2] = np.where(returns[:, None], carried, guess)
         warp, alike, cov = self.own.lay(frame.luma, begin)
-        near = np.hypot(*(warp[:, :, 2] - begin[:, :, 2]).T) < REACH_PX / 2
+        near = np.hypot(*(warp[:, :, 2] - begin[:, :, 2]).T) < self.radius_px / 2
         whole = alike & near
         seen = whole | returns
         px = np.where(whole[:, None], warp[:, :, 2], np.where(returns[:, None], carried, guess))
@@ -148,8 +154,7 @@ class TextureTargets:
         """Where each point went since the picture before, and whether it comes back from there."""
         ago = self.before_px.astype(np.float32)[:, None]
         ahead = guess.astype(np.float32)[:, None]
-        with_flow = {"winSize": WINDOW, "maxLevel": 2, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
-        there, found, _ = cv2.calcOpticalFlowPyrLK(self.before, luma, ago, ahead.copy(), **with_flow)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(luma, self.before, there, there - (ahead - ago), **with_flow)
+        there, found, _ = cv2.calcOpticalFlowPyrLK(self.before, luma, ago, ahead.copy(), **self.flow)
+        back, again, _ = cv2.calcOpticalFlowPyrLK(luma, self.before, there, there - (ahead - ago), **self.flow)
         away = np.hypot(*(back - ago)[:, 0].T)
         return there[:, 0].astype(float), (away < RETURN_PX) & (found[:, 0] > 0) & (again[:, 0] > 0)

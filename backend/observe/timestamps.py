@@ -23,23 +23,23 @@ ORIGINAL = (
 
 
 def played_slower(
-    times_s: Float[np.ndarray, "frame"], captured_per_s: float | None, name: str
+    times_s: Float[np.ndarray, "frame"], captured_per_s: float | None, name: str, filmed_per_s: float | None = None
 ) -> tuple[float, list[str]]:
     """What to multiply the stamps by so that they are the times of the motion, and the sentence that says so.
 
     Some cameras write slow motion as one even clip at 30 frames a second, and the rate at which it was filmed
-    beside it (`com.android.capture.fps`).
+    beside it (`com.android.capture.fps`).  Others note nothing; who knows the rate says it: filmed_per_s.
     """
-    if captured_per_s is None:
-        return 1.0, []
     played_per_s = 1 / float(np.median(np.diff(times_s)))
-    if captured_per_s < RAMP_FACTOR * played_per_s:
+    if filmed_per_s is None and (captured_per_s is None or captured_per_s < RAMP_FACTOR * played_per_s):
         return 1.0, []
+    said = "as its camera noted" if filmed_per_s is None else "as was said"
+    captured_per_s = filmed_per_s or captured_per_s or played_per_s
     slower = captured_per_s / played_per_s
     # Stretched a whole number of times; one step of a coarse clock tells it no better than a thousandth.
     slower = round(slower) if abs(slower - round(slower)) < 0.02 * slower else slower
     return 1 / slower, [
-        f"{name} was filmed at {captured_per_s:.4g} frames a second, as its camera noted, and plays at "
+        f"{name} was filmed at {captured_per_s:.4g} frames a second, {said}, and plays at "
         f"{played_per_s:.4g}: its times are divided by {slower:.4g}."
     ]
 

@@ -44,12 +44,14 @@ class ConstantVelocity:
         self.px = np.array(px, float)
         self.velocity = np.zeros_like(self.px)
         self.met = np.zeros(len(px), bool)
+        self.time_s, self.strange_s = time_s, np.zeros(len(px))  # how long each was hidden before it was last found
         self.acceleration = acceleration_px_per_s2
 
     def predict(self, time_s: float) -> Expected:
         """Where each dot would be by now [px]."""
         late = time_s - self.seen_s
-        return self.px + self.velocity * late[:, None], 0.5 * self.acceleration * late**2
+        reach = self.acceleration * (0.5 * late**2 + self.strange_s * late)
+        return self.px + self.velocity * late[:, None], reach
 
     def refine(
         self, time_s: float, px: Float[np.ndarray, "n 2"], seen: np.ndarray, whole: np.ndarray
@@ -61,11 +63,13 @@ class ConstantVelocity:
         """Renew place and velocity; a dot seen in part renews its place alone."""
         sure = seen & whole
         now = (px[sure] - self.px[sure]) / (time_s - self.seen_s[sure])[:, None]
-        # Half the old velocity halves the noise; a dot's first step has no old velocity to lean on.
-        keep = np.where(self.met[sure], 0.5, 0.0)[:, None]
+        # Half the old velocity halves the noise; a dot's first step, also after it was hidden, has none to lean on.
+        keep = np.where((self.met & (self.strange_s == 0))[sure], 0.5, 0.0)[:, None]
         self.velocity[sure] = keep * self.velocity[sure] + (1 - keep) * now
         self.met |= sure
-        self.px[seen], self.seen_s[seen] = px[seen], time_s
+        # While it was hidden its velocity changed, unseen.
+        self.strange_s[sure] = (self.time_s - self.seen_s)[sure]
+        self.px[seen], self.seen_s[seen], self.time_s = px[seen], time_s, time_s
 
 
 class Linked:

@@ -121,24 +121,49 @@ def _rate(words: str | None) -> float | None:
     return rate if np.isfinite(rate) and rate > 0 else None
 
 
+@dataclass(frozen=True)
+class Part:
+    """Which part of a clip counts, and what its file does not say of it.
+
+    from_s, to_s: as a player shows them.  filmed_per_s: frames a second while filming, of slow motion that notes no
+    rate; None: as the file says.
+    """
+
+    from_s: float = 0.0
+    to_s: float = np.inf
+    filmed_per_s: float | None = None
+
+
+WHOLE = Part()
+
+
 class Video:
     """A clip that was found readable, with a trustworthy clock.
 
-    Raises TrackingError for what is no video, for a clock that jumps, and for a file that ends too early
-    (it says how many frames could be read) unless `keep_truncated`: then the readable frames are served
-    and `warnings` says what is missing.  times_s: when each frame was seen [s]; a clip that plays slower than it
-    was filmed, and says so, has its times brought back.
+    Raises TrackingError for what is no video, for a clock that jumps, and for a file that ends too early (it says how
+    many frames could be read) unless `keep_truncated`: then the readable frames are served and `warnings` says what
+    is missing.  part: what of it counts; frames keep their numbers.  times_s: when each frame was seen [s]; a clip that
+    plays slower than it was filmed, and says so, has its times brought back.
     """
 
-    def __init__(self, path: str | Path, keep_truncated: bool = False):
+    def __init__(self, path: str | Path, keep_truncated: bool = False, part: Part = WHOLE):
         self.path, self.name, self.warnings = Path(path), Path(path).name, list[str]()
         index = read_index(path)
-        check_times(index.times_s, self.name)
-        self.frame_count, self.truncated = len(index.times_s), index.truncated
+        shown_s = index.times_s - index.times_s[0]
+        (kept,) = np.nonzero((shown_s >= part.from_s) & (shown_s <= part.to_s))
+        if len(kept) < 2 <= len(shown_s):
+            raise TrackingError(
+                f"{self.name} lasts {shown_s[-1]:.2f} s; {len(kept)} of its frames lie between {part.from_s:.2f} s and "
+                f"{part.to_s:.2f} s. Give a part of it, in seconds as a player shows them."
+            )
+        times_s = index.times_s[kept]
+        check_times(times_s, self.name)
+        self.frame_count, self.truncated = len(times_s), index.truncated
         self.keep_truncated, self.promised = keep_truncated, index.promised
-        self._pace, self._of_clock = played_slower(index.times_s, index.captured_per_s, self.name)
+        self._before = int(kept[0])
+        self._pace, self._of_clock = played_slower(times_s, index.captured_per_s, self.name, part.filmed_per_s)
         self.warnings += self._of_clock
-        self.times_s = self._pace * index.times_s
+        self.times_s = self._pace * times_s
         self.frames_per_s = 1 / float(np.median(np.diff(self.times_s)))
         if index.truncated:
             self._report(self.frame_count)
@@ -154,7 +179,7 @@ class Video:
         self.warnings = [*self._of_clock, f"{found}; the rest is missing from the tracks."]
 
     def __iter__(self) -> Iterator[Frame]:
-        read, last = 0, -np.inf
+        read, last = -self._before, -np.inf
         with av.open(str(self.path)) as container:
             stream = container.streams.video[0]
             stream.thread_type, stream.codec_context.thread_count = "AUTO", THREADS
@@ -172,7 +197,8 @@ class Video:
                 if time_s <= last:
                     continue
                 last = time_s
-                yield upright(picture, read, time_s)
+                if read >= 0:
+                    yield upright(picture, read + self._before, time_s)
                 read += 1
         missing = self.frame_count - read
         # The first frames of a trimmed clip may lean on pictures that were cut away; losing more is damage.

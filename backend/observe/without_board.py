@@ -53,6 +53,8 @@ def calibrate_from_clip(
     from backend.observe.measure import track_video
 
     bed = read_bed(bed)
+    if bed.stick:
+        raise TrackingError("One known length tells no camera; give the bed's tags or marks, four or more.")
     first = next(iter(Video(clip, keep_truncated=True)), None)
     if first is None:
         raise TrackingError(f"{Path(clip).name}: not one frame can be decoded. Copy it again.")

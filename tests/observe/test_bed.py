@@ -152,3 +152,34 @@ def test_the_calibrations_error_is_what_misplaced_marks_do():
         errors.append(calibrate(read_bed(shaken), 1280, 720).metres(px, np.zeros(40)) - POINTS)
     made = np.sqrt((np.array(errors) ** 2).mean())
     assert told == pytest.approx(made, rel=0.15)  # 200 draws of 12 numbers: 4% expected, three times that allowed
+
+
+def test_a_stick_gives_scale_turn_and_an_origin_outside_the_picture():
+    """A camera square to the plane, turned by 5 degrees: one length is known, and where the pivot would be."""
+    camera = Camera(tilt_deg=(0, 0, 5))
+    a, b, pivot = camera.project(np.array([[-0.2, 0.05, 0], [0.1, -0.1, 0], [0.02, 0.6, 0]]))
+    across = camera.project(np.array([[0.0, 0, 0], [0.1, 0, 0]]))
+    du, dv = across[1] - across[0]
+    stick = {
+        "a_px": a.tolist(), "b_px": b.tolist(), "length_m": float(np.hypot(0.3, 0.15)), "origin_px": pivot.tolist(),
+        "turn_deg": float(np.rad2deg(np.arctan2(-dv, du))),
+    }  # fmt: skip
+    bed = read_bed({"stick": stick})
+    view, flat = calibrate(bed, 1280, 720), np.zeros(40)
+    px = camera.project(np.c_[POINTS, flat])
+    assert pivot[1] < 0
+    np.testing.assert_allclose(view.metres(px, flat), POINTS - [0.02, 0.6], atol=1e-6)
+    np.testing.assert_allclose(view.pixels(POINTS - [0.02, 0.6], flat), px, atol=1e-3)
+    # Half a pixel at each end of 671 px, points up to 1.4 m from the origin that the stick's end carries.
+    assert 3e-4 < error_of_marks_m(bed, view, px, flat, (1280, 720)) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("more", "says"), [({"marks": marks(Camera())}, "stands in for marks"), ({"lens": {"focal_px": 900}}, "stands in")]
+)
+def test_a_stick_stands_alone(more, says):
+    stick = {"a_px": [10, 10], "b_px": [500, 10], "length_m": 0.5}
+    with pytest.raises(TrackingError, match=says):
+        read_bed({"stick": stick, **more})
+    with pytest.raises(TrackingError, match="fall on one pixel"):
+        read_bed({"stick": {**stick, "b_px": [10, 10]}})

@@ -6,7 +6,7 @@ import pytest
 from backend.blind.camera import Camera
 from backend.blind.render import Look
 from backend.observe.detect import detect
-from backend.observe.dots import learn_look
+from backend.observe.dots import learn_look, learn_patch
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Video
 
@@ -60,3 +60,52 @@ def test_a_coloured_patch_without_a_brighter_surrounding_is_no_dot(four_dots):
     frame = next(iter(Video(four_dots.path)))
     with pytest.raises(TrackingError, match="none a round dot"):
         learn_look(replace(frame, luma=np.full_like(frame.luma, 120)), 4)
+
+
+def test_black_dots_are_found_where_that_is_said(tmp_path):
+    clip = film(tmp_path / "black.mp4", np.arange(6) / 240, four, look=Look(dot_colour_rgb=(0.02, 0.02, 0.02)))
+    frames = list(Video(clip.path))
+    with pytest.raises(TrackingError, match='"dark"'):
+        learn_look(frames[0], 4)
+    look = learn_look(frames[0], 4, dark=True)
+    assert np.median([placed(clip, f, look) for f in frames]) < 0.1
+    assert all(len(detect(f, look)) < 12 for f in frames)  # marks on the bed are black too
+
+
+def painted(four_dots, mask, cb=90, cr=110):
+    """A wall with a coloured area on it."""
+    frame = next(iter(Video(four_dots.path)))
+    half = mask[::2, ::2]
+    planes = {"cb": np.where(half, cb, 128), "cr": np.where(half, cr, 128), "luma": np.where(mask, 90, 170)}
+    return replace(frame, **{k: v.astype(np.uint8) for k, v in planes.items()})
+
+
+def test_a_glossy_ball_that_fills_a_fortieth_of_the_picture_is_found(four_dots):
+    """Its highlights leave crumbs of its colour, which are not its size."""
+    v, u = np.mgrid[:360, :640]
+    ball = np.hypot(u - 300.5, v - 150.5) < 43
+    for k in range(5):
+        ball ^= np.hypot(u - 288 - 6 * k, v - 128) < 4
+        ball |= np.hypot(u - 288 - 6 * k, v - 128) < 1.6
+    frame = painted(four_dots, ball)
+    look = learn_look(frame, 1)
+    assert look.area_px == pytest.approx(np.pi * 43**2, rel=0.1)
+    found = detect(frame, look)
+    assert np.hypot(*(found.px[0] - [300.5, 150.5])) < 3  # the highlight lies on one side
+
+
+def test_a_patch_of_any_shape_is_placed_by_the_centroid_of_its_colour(four_dots):
+    shape = np.zeros((360, 640), bool)
+    shape[100:140, 200:300], shape[300:306, 10:16] = True, True
+    look = learn_patch(painted(four_dots, shape), np.array([[260.0, 120.0]]))
+    moved = painted(four_dots, np.roll(shape, (20, 30), (0, 1)))
+    found = detect(moved, look)
+    assert len(found) == 1
+    assert found.whole.all()
+    np.testing.assert_allclose(found.px[0], [279.5, 139.5], atol=0.6)  # half the resolution of the colours
+    shape[100:140, 240:300] = False
+    assert not detect(painted(four_dots, shape), look).whole.any()
+    with pytest.raises(TrackingError, match="on no colour"):
+        learn_patch(painted(four_dots, shape), np.array([[500.0, 50.0]]))
+    with pytest.raises(TrackingError, match="known by a click"):
+        learn_patch(painted(four_dots, shape), np.zeros((0, 2)))

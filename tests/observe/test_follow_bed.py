@@ -1,6 +1,7 @@
 import cv2
 import numpy as np
 
+from backend.observe.account import warn_blank
 from backend.observe.bed import Bed, BedMark
 from backend.observe.follow_bed import BedWatch, settle
 
@@ -54,3 +55,17 @@ def test_a_still_camera_has_one_view_and_a_shaken_one_a_view_for_every_picture()
     assert shaken is not None
     at = shaken.metres(PLACES[4] + shifts, np.zeros(4), np.arange(4), t)
     np.testing.assert_allclose(at, np.tile([0.16, -0.12], (4, 1)), atol=7e-5)  # 0.07 px of 1 mm
+
+
+def test_marks_that_show_nothing_do_not_make_a_camera_seem_to_move():
+    """Points read off a bare wall, and corners of the picture: what passes them is no bed."""
+    wall = np.clip(RNG.normal(120, 3, (6, 240, 320)), 0, 255).astype(np.uint8)
+    for k, luma in enumerate(wall):
+        cv2.circle(luma, (40 + 40 * k, 60), 20, 30, -1)
+    at = np.array([[0.0, 0.0], [319.0, 0.0], [319.0, 239.0], [0.0, 239.0], [160.0, 60.0], [280.0, 200.0]])
+    watch = BedWatch(at, wall[0], len(wall))
+    for luma in wall:
+        watch.look(luma)
+    assert not watch.followable.any()
+    assert np.isnan(watch.result()).all()
+    assert "a camera that moves is not noticed" in warn_blank(watch.followable)[0]

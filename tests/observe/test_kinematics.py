@@ -7,6 +7,8 @@ from backend.observe.bed import Plane
 from backend.observe.kinematics import SEEN_M, FlatMechanism, kinematics_of
 from benchmarks.filming.linkages import fourbar
 
+from .textured_bar import POINTS_M, drawing, turned
+
 RNG = np.random.default_rng(5)
 A, D = np.array([-0.12, -0.04]), np.array([0.08, -0.04])
 
@@ -67,3 +69,19 @@ def test_a_mechanism_that_stands_elsewhere_is_not_followed_by_its_kinematics(mec
 def test_a_mechanism_whose_pins_lie_in_the_bed_is_not_flat(mechanism):
     upright = Plane(x_axis=(1.0, 0.0, 0.0), y_axis=(0.0, 0.0, 1.0))
     assert not FlatMechanism(mechanism, upright).flat
+
+
+def test_a_bar_that_was_lost_is_sought_all_round_its_pin_and_followed_again():
+    """Its pin stays known, its turn does not: a tip hidden for 30 frames may be anywhere on its circle."""
+    t = np.arange(60) / 240
+    truth = turned(3 * t + 60 * t**2, [POINTS_M["far"]])[:, 0]
+    model = kinematics_of(drawing("far"), Plane(), t[0], truth[:1])
+    assert model is not None
+    for n in range(1, 60):
+        said, sd = model.predict(t[n])
+        hidden = 10 <= n < 40
+        off = np.hypot(*(said - truth[n])[0])
+        assert off < 3 * sd[0] + 2e-3  # within the gate of a dot of 2 mm
+        if n > 41:
+            assert off < 2e-3
+        model.learn(t[n], truth[n][None], np.array([np.inf if hidden else SEEN_M]))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from backend.observe.measure import track_video
-from backend.observe.targets import read_targets
+from backend.observe.targets import Untagged, read_targets
 from backend.observe.tracking_error import TrackingError
 from benchmarks.filming.clips import Clip, bed
 from benchmarks.filming.scene import Scene
@@ -73,3 +73,14 @@ def test_targets_that_disagree_with_the_drawing_are_refused(tmp_path):
     file = tmp_path / "targets.json"
     file.write_text(json.dumps({"knee": 21, "tip": 20}))
     assert read_targets(file, ["tip", "knee"]) == {"tip": 20, "knee": 21}
+
+
+def test_what_carries_no_tag_says_how_it_is_followed():
+    assert read_targets({"tip": "texture"}, ["tip"]) == Untagged("texture", 10)
+    assert read_targets({"tip": "texture:40"}, ["tip"]) == Untagged("texture", 40)
+    assert read_targets({"tip": "dark", "knee": "dark"}, ["tip", "knee"]) == Untagged("dark")
+    for wrong in ("texture:2", "dark:9", "dot"):
+        with pytest.raises(TrackingError, match="Targets cannot be read"):
+            read_targets({"tip": wrong}, ["tip"])
+    with pytest.raises(TrackingError, match="dark or patch and not all alike"):
+        read_targets({"tip": "dark", "knee": "patch"}, ["tip", "knee"])

@@ -113,3 +113,16 @@ def test_rough_paths_go_from_chunk_to_chunk_in_the_clips_own_pixels(monkeypatch)
     paths = rough_paths(drifts, [frame] * 100, start)
     per_picture = step * (np.array(SIZE) - 1) / (np.array(SMALL) - 1)
     np.testing.assert_allclose(paths, start + np.arange(100)[:, None, None] * per_picture, atol=1e-3)  # float32
+
+
+def test_a_smooth_bar_is_followed_where_more_of_it_counts(tmp_path):
+    """Nothing is printed at the point; the end of the bar, 30 pixels away, tells where it is."""
+    angle = np.linspace(0, 0.03, 5)
+    clip = film(tmp_path / "smooth.mp4", angle, contrast=0.0)
+    only = drawing("far")
+    with pytest.raises(TrackingError, match='"texture:20"'):
+        track_video(clip, only, bed(), out_dir=tmp_path, targets={"far": "texture"}, preview=False)
+    made = track_video(clip, only, bed(), out_dir=tmp_path, targets={"far": "texture:34"}, preview=False)
+    off = made.tracks[["x_m", "y_m"]].to_numpy() - turned(angle, [POINTS_M["far"]])[:, 0]
+    assert made.tracks.status.eq("observed").all()
+    assert np.hypot(*off.T).max() < 5e-4  # the bed round about does not turn with the bar

@@ -98,3 +98,14 @@ def test_a_short_clip_still_gets_a_covariance():
     cov = point_covariance(np.arange(3) / 30, px, np.full((3, 1, 2, 2), np.eye(2) * 1e-4), np.ones((3, 1), bool))
     assert np.isfinite(cov).all()
     assert np.sqrt(cov[0, 0, 0, 0]) >= 0.1
+
+
+def test_a_dot_that_comes_back_the_other_way_is_followed_again():
+    """A ball that swings out of the picture and returns: how fast it is now, nobody saw."""
+    t = np.arange(120)[:, None] / 30
+    ball = np.concatenate([900 * np.cos(2.6 * t) - 350, 0 * t + 300], 1)
+    path = np.stack([ball, np.full_like(ball, 600)], 1)
+    away = ball[:, 0] < 0
+    given = follow(path, hidden={(k, 0) for k in np.flatnonzero(away).tolist()}, dt=1 / 30, acceleration=60 / 4e-3)
+    assert (given[~away, 0] == 0).all()
+    assert (given[:, 1] == 1).all()

@@ -6,6 +6,7 @@ from fractions import Fraction
 import av
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -13,7 +14,7 @@ from backend.cli import app
 from backend.observe.measure import track_video
 from backend.observe.timestamps import check_times
 from backend.observe.tracking_error import TrackingError
-from backend.observe.video import Video
+from backend.observe.video import Part, Video
 
 from .scenes import errors_m, film, four
 
@@ -285,3 +286,30 @@ def test_dropped_frames_and_a_rate_that_halves_are_no_jump():
 def test_a_clock_that_leaps_stops_or_runs_back_is_refused(times, says):
     with pytest.raises(TrackingError, match=says):
         check_times(times, "clip")
+
+
+def test_a_part_of_slow_motion_that_notes_no_rate_is_read_with_its_true_times(four_dots, tmp_path):
+    slow = repacked(four_dots.path, tmp_path / "slow.mp4", slower=8)
+    part = list(Video(slow, part=Part(from_s=0.5, to_s=1.0, filmed_per_s=240)))
+    assert [f.index for f in part] == list(range(15, 31))  # plays at 30 a second
+    assert np.abs(np.array([f.time_s for f in part]) - np.arange(15, 31) / 240).max() < 1e-5
+    with pytest.raises(TrackingError, match=r"lasts 1\.97 s; 0 of its frames"):
+        Video(slow, part=Part(from_s=5))
+
+
+def test_a_part_of_a_clip_is_tracked_by_command(four_dots, tmp_path):
+    """What stands in the bed file is one length; the clip starts when its pictures are fit to be seen."""
+    (tmp_path / "m.json").write_text(four_dots.mechanism.model_dump_json())
+    a, b = ([mark[k] for k in ("x_px", "y_px")] for mark in four_dots.bed["marks"][:2])
+    stick = {"a_px": a, "b_px": b, "length_m": 0.3, "origin_px": [319.5, 179.5]}
+    (tmp_path / "bed.json").write_text(json.dumps({"stick": stick}))
+    given = ["track", four_dots.path, "--mechanism", tmp_path / "m.json", "--bed", tmp_path / "bed.json"]
+    given += ["--from", "0.048", "--to", "0.102", "--out", tmp_path / "out", "--json"]
+    done = CliRunner().invoke(app, [str(word) for word in given])
+    assert done.exit_code == 0, done.stderr
+    tracks = pd.read_csv(tmp_path / "out" / "tracks.csv")
+    assert tracks.frame.min() == 12
+    assert tracks.frame.max() == 24
+    truth = np.stack([p[12:25, :2] for p in four_dots.markers_m.values()], 1).reshape(-1, 2)
+    assert np.abs(tracks[["x_m", "y_m"]].to_numpy() - truth).max() < 3e-4
+    assert "a camera that leans" in json.loads(done.stdout)["warnings"][-1]

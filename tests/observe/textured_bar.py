@@ -15,8 +15,8 @@ POINTS_M = {"near": (0.030, 0.001), "far": (0.075, -0.002)}
 LENGTH_M, HALF_M = 0.09, 0.012
 
 
-def drawing():
-    """The bar as drawn, level; its markers are places on its surface where nothing is stuck."""
+def drawing(*markers):
+    """The bar as drawn, level; its markers are places on its surface where nothing is stuck, all unless named."""
     level = {"position_m": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}
     inertia = {"xx": 1e-6, "yy": 2e-5, "zz": 2e-5}
     return parse_mechanism(
@@ -29,7 +29,8 @@ def drawing():
             ],
             "joints": [{"id": "pin", "type": "revolute", "body_a": "ground", "body_b": "bar",
                         "frame_a": level, "frame_b": level}],
-            "markers": [{"id": name, "body": "bar", "position_m": [x, y, 0]} for name, (x, y) in POINTS_M.items()],
+            "markers": [{"id": name, "body": "bar", "position_m": [*POINTS_M[name], 0]}
+                        for name in markers or POINTS_M],
         }
     )  # fmt: skip
 
