@@ -259,14 +259,12 @@ def _opening(system: System, at: Frame, there: Float[Array, "joints 6"]) -> Floa
 
 
 def _guess(system: System, at: Frame, motion: Motion) -> Unknowns:
-    """Keep accelerating as before; walls keep pushing, or stay as far off as the motion would leave them."""
+    """Keep accelerating as before; walls keep pushing, and take up what the motion would close."""
     xi = _shortened(at.step_s * (motion.velocity + at.step_s * motion.acceleration))
     impulses, barrier = motion.impulses, _barrier(system, at)
 
     def begun(reach: Reach, gap: Array, push: Push) -> Push:
-        return contact.on_path(
-            reach, reach.ease * push.normal - jnp.maximum(2 * gap - reach.back, 0.0), push.rub, barrier
-        )
+        return contact.on_path(reach, reach.ease * push.normal - (2 * gap - reach.back), push.rub, barrier)
 
     if system.contacts.count:
         reach = at.drive.reach
