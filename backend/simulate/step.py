@@ -293,7 +293,7 @@ def _size(
     impulse = at.step_s / (system.scale.mass_kg * length**2)
     held = law.held(system)
     rows = jnp.abs(residual.impulses.rows) * jnp.where(held, row_scale, impulse)
-    parts, rubs = [linear_part, turning, rows, jnp.abs(residual.impulses.pads) * impulse * length], []
+    parts, rubs, slides = [linear_part, turning, rows, jnp.abs(residual.impulses.pads) * impulse * length], [], []
     now, left = unknowns.impulses, residual.impulses
     groups = [(system.contacts, at.drive.reach, now.walls, left.walls)]
     if system.touches.count:
@@ -302,10 +302,11 @@ def _size(
         parts.append(jnp.abs(off.normal) / length)
         rub = jnp.abs(off.rub) * impulse * length
         slid = TOLERANCE / SLID * contact.slid(contacts, reach, push, off.rub) / reach.stick
-        rubs.append((rub, jnp.minimum(rub, slid)))
-    largest = jnp.max(jnp.stack([jnp.max(part, initial=0.0) for part in parts + [slid for _, slid in rubs]]))
-    squares = [jnp.sum(part * part) for part in parts + [rub for rub, _ in rubs]]
-    return largest, jnp.sum(jnp.stack(squares))
+        rubs.append(rub)
+        slides.append(jnp.minimum(rub, slid))
+    largest = jnp.max(jnp.concatenate([part.ravel() for part in parts + slides]))
+    every = jnp.concatenate([part.ravel() for part in parts + rubs])
+    return largest, every @ every
 
 
 def _shortened(xi: BodyRows) -> BodyRows:
