@@ -259,14 +259,12 @@ def _opening(system: System, at: Frame, there: Float[Array, "joints 6"]) -> Floa
 
 
 def _guess(system: System, at: Frame, motion: Motion) -> Unknowns:
-    """Keep accelerating as before; walls keep pushing, or stay as far off as the motion would leave them."""
+    """Keep accelerating as before; walls keep pushing, and take up what the motion would close."""
     xi = _shortened(at.step_s * (motion.velocity + at.step_s * motion.acceleration))
     impulses, barrier = motion.impulses, _barrier(system, at)
 
     def begun(reach: Reach, gap: Array, push: Push) -> Push:
-        return contact.on_path(
-            reach, reach.ease * push.normal - jnp.maximum(2 * gap - reach.back, 0.0), push.rub, barrier
-        )
+        return contact.on_path(reach, reach.ease * push.normal - (2 * gap - reach.back), push.rub, barrier)
 
     if system.contacts.count:
         reach = at.drive.reach
@@ -295,7 +293,7 @@ def _size(
     impulse = at.step_s / (system.scale.mass_kg * length**2)
     held = law.held(system)
     rows = jnp.abs(residual.impulses.rows) * jnp.where(held, row_scale, impulse)
-    parts, rubs = [linear_part, turning, rows, jnp.abs(residual.impulses.pads) * impulse * length], []
+    parts, rubs, slides = [linear_part, turning, rows, jnp.abs(residual.impulses.pads) * impulse * length], [], []
     now, left = unknowns.impulses, residual.impulses
     groups = [(system.contacts, at.drive.reach, now.walls, left.walls)]
     if system.touches.count:
@@ -304,10 +302,11 @@ def _size(
         parts.append(jnp.abs(off.normal) / length)
         rub = jnp.abs(off.rub) * impulse * length
         slid = TOLERANCE / SLID * contact.slid(contacts, reach, push, off.rub) / reach.stick
-        rubs.append((rub, jnp.minimum(rub, slid)))
-    largest = jnp.max(jnp.stack([jnp.max(part, initial=0.0) for part in parts + [slid for _, slid in rubs]]))
-    squares = [jnp.sum(part * part) for part in parts + [rub for rub, _ in rubs]]
-    return largest, jnp.sum(jnp.stack(squares))
+        rubs.append(rub)
+        slides.append(jnp.minimum(rub, slid))
+    largest = jnp.max(jnp.concatenate([part.ravel() for part in parts + slides]))
+    every = jnp.concatenate([part.ravel() for part in parts + rubs])
+    return largest, every @ every
 
 
 def _shortened(xi: BodyRows) -> BodyRows:
