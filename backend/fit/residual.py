@@ -157,6 +157,20 @@ class Residuals:
                 r[rows], J[rows] = whiten_ar1(r[rows], a), whiten_ar1(J[rows], a)
         return r, J
 
+    def miss(self, x: np.ndarray, fraction: float = 1.0) -> float:
+        """Rms of how far parts are from where they were seen, in radians or mechanism lengths; 0 where only forces or
+        pixels were measured, infinite where the motion is lost.
+        """
+        off = [np.zeros(0)]
+        for i, run in enumerate(self.runs):
+            keep = run.within(fraction)
+            size = {"rad": 1.0, "m": float(run.model.scale.length_m)}
+            unit = np.array([size.get(c.unit, np.inf) for c in run.data.channels])[run.data.channel[keep]]
+            prediction, _ = run.predict(x[: len(self.parameters)], self.own(x, i))
+            off.append(((prediction - run.data.value)[keep] / unit)[np.isfinite(unit)])
+        squares = np.concatenate(off) ** 2
+        return float(np.nan_to_num(np.sqrt(np.mean(squares)), nan=np.inf)) if squares.size else 0.0
+
     def learn_spread(self, x: np.ndarray, fraction: float = 1.0) -> float:
         """Take the misfit at x, in sigmas rms and at least 1, as the spread; returns it."""
         r, _ = self.evaluate(x, fraction)

@@ -17,6 +17,8 @@ from backend.fit.starts import best_of
 
 FIRST_STEPS = 12  # spent on a part of the records at most: the whole of them decides
 PART, WHOLE = 4.0, 10.0  # iterations that a part of the records, or the whole of them, usually takes
+LOST, FOLLOWED = 0.12, 0.5  # rad or mechanism lengths, as a diagnosis has it; share of it that is still followed
+BETWEEN, NEAREST = 6, 1.1  # parts more than asked at most; how much longer each is at least
 SETTLED = 0.02  # change of the misfit that weighs the samples, beyond which they are fitted again
 
 
@@ -56,14 +58,28 @@ class Search:
 
     def through(self, x: np.ndarray, horizons: Sequence[float]) -> Solution:
         """Fit the first part of every record, then longer ones, then all."""
-        for fraction in horizons:
-            words = f"fitting the first {100 * fraction:.0f}%"
+        ahead, done = [*horizons, 1.0], 0.0
+        for _ in range(BETWEEN + len(horizons)):
+            ahead = self._nearer(x, done, ahead)
+            fraction = ahead.pop(0)
+            if not ahead:
+                break
+            done, words = fraction, f"fitting the first {100 * fraction:.0f}%"
             self.pace.enter(PART)
             found = self._stage(x, fraction, words, FIRST_STEPS, 1e-3, anchor=x)
             if found.status == "cancelled":
                 return self._reweighted(found)
             x = found.x if np.isfinite(found.objective) else x
         return self.at_full_length(x)
+
+    def _nearer(self, x: np.ndarray, done: float, ahead: list[float]) -> list[float]:
+        """The parts to fit next, the first one shorter where a motion that is followed so far is lost by its end:
+        misfit from whole turns away leads into other minima.
+        """
+        if done and self.residuals.miss(x, done) < FOLLOWED * LOST:
+            while ahead[0] > NEAREST**2 * done and self.residuals.miss(x, ahead[0]) > LOST:
+                ahead = [float(np.sqrt(done * ahead[0])), *ahead]
+        return ahead
 
     def at_full_length(self, x: np.ndarray, words: str = "fitting whole records") -> Solution:
         """Fit whole records until the misfit that weighs them stops changing."""
