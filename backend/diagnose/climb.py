@@ -82,7 +82,22 @@ class Climb:
             found = adequacy(best.fitted, self.search.latent, self.rng)
         if len(best.candidates) > SURE and self._may_mislead(best) and not self._cancelled():
             best, found = self._exchanged(best, found, NAMED)
+        if len(best.candidates) > 1 and self.enough(found) and not self._cancelled():
+            best, found = self._thinned(best, found)
         return best, found
+
+    def _thinned(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
+        """A set that is enough with a member given up, where that is more probable: the first of a pair may have been
+        needed only to lead to the other.
+        """
+        for member in best.candidates:
+            self.search.without(best, member)
+        top = self._most_probable(best, 0.0)
+        if top is best:
+            return best, found
+        self._tell(f"{' + '.join(top.names)} alone is the likelier")
+        judged = self._judged(top)
+        return judged if self.enough(judged[1]) else self._judged(best)
 
     def switching(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """Where nothing smooth is enough, or held-out experiments refuse it: stops, play, bending and friction that

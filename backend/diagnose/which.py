@@ -236,9 +236,9 @@ class Search:
         by one, the first may have stood for two that joined it since.
         """
         for member in cause.candidates:
-            self.level([self._without(cause, member)], PARTNERS)
+            self.level([self.without(cause, member)], PARTNERS)
 
-    def _without(self, cause: Cause, member: Candidate) -> Cause:
+    def without(self, cause: Cause, member: Candidate) -> Cause:
         """What remains of a cause, begun where the cause ended."""
         choice = self.subject.choose(*(c for c in cause.candidates if c is not member))
         fitted = fit(self.subject, choice, start=_from(cause.fitted, choice), fractions=self._horizons(cause))
