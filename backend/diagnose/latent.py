@@ -162,9 +162,9 @@ def evidence(fitted: Fitted, L: Float[np.ndarray, "n bumps"]) -> Float[np.ndarra
     return np.array(found) - float(np.sum(np.log(fitted.choice.prior_sd)))
 
 
-def mean_over_sizes(z: Float[np.ndarray, " sizes"]) -> float:
-    """Evidence where no size is known beforehand."""
-    return float(logsumexp(z) - np.log(z.size))
+def log_mean(z: Sequence[float] | Float[np.ndarray, " n"]) -> float:
+    """Log evidence where each of several was as likely beforehand."""
+    return float(logsumexp(z) - np.log(len(z)))
 
 
 def posterior(fitted: Fitted, L: Float[np.ndarray, "n bumps"], s: float) -> tuple[np.ndarray, np.ndarray]:

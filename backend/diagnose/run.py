@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import jax
 import numpy as np
-from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, weigh
 from backend.diagnose.climb import ALPHA, NEAR, STRICT, SURE, WIDE, Climb, form
 from backend.diagnose.kept import Kept
-from backend.diagnose.latent import Latent, forces, responses
+from backend.diagnose.latent import Latent, forces, log_mean, responses
 from backend.diagnose.library import SMOOTH, library
 from backend.diagnose.next_experiment import next_experiment
+from backend.diagnose.overpromise import overpromise
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
 from backend.diagnose.softness import softness
@@ -122,9 +122,9 @@ class _Inquiry:
 
     def doubtful(self, baseline: Cause, singles: list[Cause]) -> bool:
         """Whether nothing amiss is likelier than any cause or unknown law, though a test found the data unusual."""
-        z = list(unknown_evidence(baseline.fitted, self.search.latent, self.search.raw, self.scale).values())
+        z = unknown_evidence(baseline.fitted, self.search.latent, self.search.raw, self.scale)
         count = len(self.subject.library.candidates)
-        belief = weigh(baseline, singles, count, scale=self.scale, unknown_log_z=float(logsumexp(z) - np.log(len(z))))
+        belief = weigh(baseline, singles, count, scale=self.scale, unknown_log_z=log_mean(list(z.values())))
         return belief.none > max([belief.unknown, *belief.probability])
 
     def p_gap(self, about: Screen, at_base: Adequacy) -> float:
@@ -171,17 +171,16 @@ class _Inquiry:
         self.tell("weighing the explanations")
         exact = verdict == "none" or (verdict == "identified" and enough)
         soft = 1.0 if exact else softness(scaled(best.fitted, self.scale))
+        causes = [c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == best.fitted.fraction]
+        same = baseline if baseline.fitted.fraction == best.fitted.fraction else None
+        count = len(self.subject.library.candidates)
         if best.candidates:
             raw = forces(best.fitted.subject, best.fitted)
             near = responses(best.fitted.subject, best.fitted, raw)
             model_free = unknown_evidence(best.fitted, near, raw, self.scale / np.sqrt(soft))
-        causes = [c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == best.fitted.fraction]
-        same = baseline if baseline.fitted.fraction == best.fitted.fraction else None
-        unknown = None
-        if model_free:
-            z = list(model_free.values())
-            unknown = float(logsumexp(z) - np.log(len(z)))
-        count = len(self.subject.library.candidates)
+        unknown = log_mean(list(model_free.values())) if model_free else None
+        if unknown is not None and exact and best.candidates:
+            unknown -= overpromise(best, causes, self.scale)
         belief = weigh(same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown)
         if exact and best.candidates:  # where no form is right, held-out experiments judge by what all of them lack
             near = [c for c, z in zip(belief.causes, belief.log_z, strict=True) if z > belief.log_z[0] - NEAR][:CLOSE]

@@ -159,14 +159,7 @@ def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
 def screen(subject: Subject, fitted: Fitted) -> Screen:
     """One sweep of forward sensitivities about a fit, or about one that moves alike."""
     seer = Seer(subject, fitted.probes, fitted.fraction)
-
-    def one(i: int) -> np.ndarray:
-        return seer.white[i](np.nan_to_num(fitted.probes[i].all_slopes(fitted.values, fitted.own(i))))
-
-    def sweep() -> np.ndarray:
-        return np.concatenate(subject.over(one, range(len(fitted.probes))))
-
-    S = subject.alike("library", fitted.r, sweep).copy()
+    S = library_slopes(fitted).copy()
     S[:, sorted(set(np.flatnonzero(fitted.choice.ties.any(1)).tolist()))] = 0.0
     whole = _projected(subject, fitted, S, fitted.r, fitted.J)
     if fitted.chi2 < LARGE * fitted.r.size:
@@ -174,6 +167,20 @@ def screen(subject: Subject, fitted: Fitted) -> Screen:
     since = [p.since_release_s[white.keep] / p.duration_s for p, white in zip(fitted.probes, seer.white, strict=True)]
     first = np.concatenate(since) <= EARLY * fitted.fraction
     return replace(whole, early=_projected(subject, fitted, S[first], fitted.r[first], fitted.J[first]))
+
+
+def library_slopes(fitted: Fitted) -> Float[np.ndarray, "n parameters"]:
+    """Whitened slopes of every parameter of the library, about a fit or one that moves alike."""
+    subject = fitted.subject
+    seer = Seer(subject, fitted.probes, fitted.fraction)
+
+    def one(i: int) -> np.ndarray:
+        return seer.white[i](np.nan_to_num(fitted.probes[i].all_slopes(fitted.values, fitted.own(i))))
+
+    def sweep() -> np.ndarray:
+        return np.concatenate(subject.over(one, range(len(fitted.probes))))
+
+    return subject.alike("library", fitted.r, sweep)
 
 
 def _projected(subject: Subject, fitted: Fitted, S: np.ndarray, r: np.ndarray, J: np.ndarray) -> Screen:

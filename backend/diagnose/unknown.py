@@ -14,11 +14,10 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.fitted import Fitted, Seer
-from backend.diagnose.latent import Latent, evidence, markers_and_axes, mean_over_sizes, warp
+from backend.diagnose.latent import Latent, evidence, log_mean, markers_and_axes, warp
 from backend.diagnose.subject import bumps_at
 
 CREEP = 0.05  # of the fastest speed: where a law may turn over as dry friction does
@@ -43,8 +42,8 @@ def unknown_evidence(
         for few, L in laws.get(place, ()):
             ways.append(_law_evidence(bare, L / scale, few))
         if place in latent.places:
-            ways.append(mean_over_sizes(evidence(bare, latent.scaled(place) / scale)))
-        found[place] = float(logsumexp(ways) - np.log(len(ways)))
+            ways.append(log_mean(evidence(bare, latent.scaled(place) / scale)))
+        found[place] = log_mean(ways)
     return found
 
 
@@ -54,11 +53,7 @@ def _law_evidence(bare: Fitted, L: Float[np.ndarray, "n terms"], few: bool) -> f
     ways = [[list(terms)]]
     if few:
         ways += [[[k] for k in terms], [list(two) for two in combinations(terms, 2)]]
-    each = [
-        logsumexp([mean_over_sizes(evidence(bare, L[:, some])) for some in way]) - np.log(len(way))
-        for way in ways if way
-    ]  # fmt: skip
-    return float(logsumexp(each) - np.log(len(each)))
+    return log_mean([log_mean([log_mean(evidence(bare, L[:, some])) for some in way]) for way in ways if way])
 
 
 def without_causes(fitted: Fitted) -> Fitted:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import Belief
 from backend.diagnose.fitted import Fitted
-from backend.diagnose.latent import SIZES, Latent, evidence, mean_over_sizes, posterior
+from backend.diagnose.latent import SIZES, Latent, evidence, log_mean, posterior
 from backend.diagnose.subject import Subject, bumps_at
 from backend.mechanism.gap_report import JointGap, Location, MarkerGap, Phase
 
@@ -21,7 +21,7 @@ MOST = 8  # stretches
 def place_evidence(fitted: Fitted, latent: Latent, scale: float) -> dict[str, float]:
     """Log evidence of unknown forces or shifts at each place alone."""
     own = scaled(fitted, scale)
-    return {p: mean_over_sizes(evidence(own, latent.scaled(p) / scale)) for p in latent.places}
+    return {p: log_mean(evidence(own, latent.scaled(p) / scale)) for p in latent.places}
 
 
 def shares(log_z: Mapping[str, float]) -> dict[str, float]:

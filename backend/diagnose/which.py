@@ -35,6 +35,7 @@ CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
+WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
 ODDS = np.log(20.0)
 
 
@@ -179,10 +180,7 @@ class Search:
             fits: list[Fitted] = []
             for candidate in self._promising(about, plain, refits):
                 self._join(parent, about.early or about, candidate, fits)
-            if fits:
-                best = min(fits, key=lambda f: f.chi2).choice.candidates[-1]
-                for candidate in wider.get(best.name, ()):
-                    self._join(parent, about.early or about, candidate, fits)
+            self._widen(parent, about.early or about, wider, fits)
             made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
 
@@ -208,6 +206,23 @@ class Search:
             fitted = fit(self.subject, choice, start=_from(parent.fitted, choice), fractions=horizons[-1:])
         if np.isfinite(fitted.chi2):  # a set that loses the motion from its start explains nothing
             fits.append(fitted)
+
+    def _widen(
+        self, parent: Cause, about: Screen, wider: Mapping[str, Sequence[Candidate]], fits: list[Fitted]
+    ) -> None:
+        """Fit the forms that contain the candidate that came out best; where one of them leaves much less, at all the
+        other places too: the simpler form may have come out best at a wrong one.
+        """
+        if not fits:
+            return
+        plain, best = list(fits), min(fits, key=lambda f: f.chi2)
+        for candidate in wider.get(best.choice.candidates[-1].name, ()):
+            self._join(parent, about, candidate, fits)
+        better = {f.choice.candidates[-1].kind for f in fits[len(plain) :] if best.chi2 - f.chi2 > WIDER}
+        for simple in plain:
+            for candidate in wider.get(simple.choice.candidates[-1].name, ()):
+                if simple is not best and candidate.kind in better:
+                    self._join(parent, about, candidate, fits)
 
     def _beginning(
         self, parent: Fitted, about: Screen, candidate: Candidate, fits: Sequence[Fitted]

@@ -12,7 +12,8 @@ class BaseMotion(AbstractBaseMotion):
 
     Every body feels -m s''(t) beside its weight, and a camera that stands still sees everything moved by s(t).  The
     mechanism is computed in the base's frame: it is held, and let go at rest, with respect to the base, and a simulated
-    run shows it as seen from there.  Air and bed move with the base.
+    run shows it as seen from there.  Air and bed move with the base.  Frames from before the release show whether the
+    base shook all along, or rested until the release set it off.
     """
 
     kind = "base_motion"
@@ -26,11 +27,19 @@ class BaseMotion(AbstractBaseMotion):
     phase_rad: Float[Array, ""] = parameter(
         "rad", "at the stated release", by_name=True, expected=3.0, tries=(0.0, 0.8, 1.6, 2.4)
     )
+    begins_at_release: Float[Array, ""] = parameter(
+        "1", "share of the shaking that begins with the release: 1 for a base that rests until then",
+        lower=0.0, upper=1.0, by_name=True, expected=1.0, tries=(0.5,),
+    )  # fmt: skip
 
     def displacement(self, time_s):
-        """A sine."""
-        return jnp.sin(2 * jnp.pi * self.frequency_hz * time_s + self.phase_rad)[..., None] * self.amplitude_m
+        """A sine; before the release, as much of it as did not begin then."""
+        before = self._sine(jnp.minimum(time_s, 0.0)) - self._sine(jnp.zeros_like(time_s))
+        return self._sine(jnp.maximum(time_s, 0.0)) + (1.0 - self.begins_at_release) * before
 
     def acceleration(self, time_s):
-        """Its second derivative."""
-        return -((2 * jnp.pi * self.frequency_hz) ** 2) * self.displacement(time_s)
+        """Second derivative of the sine."""
+        return -((2 * jnp.pi * self.frequency_hz) ** 2) * self._sine(time_s)
+
+    def _sine(self, time_s):
+        return jnp.sin(2 * jnp.pi * self.frequency_hz * time_s + self.phase_rad)[..., None] * self.amplitude_m
