@@ -78,6 +78,8 @@ class Search:
         self.tried: dict[tuple[str, ...], Cause] = {}
         self.screens: dict[tuple[str, ...], Screen] = {}
         self.looked: dict[int, tuple[Fitted, Unseen | None]] = {}
+        self.asked: set[tuple[str, ...]] = set()
+        self.parts: dict[tuple[tuple[str, ...], float, float], float] = {}
         self.raw: list[np.ndarray] = []
         self.followed = 1.0
 
@@ -167,9 +169,10 @@ class Search:
             best, x = made, made.x
         return best or whole
 
-    def level(self, parents: Sequence[Cause], refits: int) -> list[Cause]:
+    def level(self, parents: Sequence[Cause], refits: int, rival: Cause | None = None) -> list[Cause]:
         """Each parent with one more candidate: the most promising, refitted over what any of them can follow. A form
-        that contains a simpler one is tried where the simpler came out best.
+        that contains a simpler one is tried where the simpler came out best. rival: a set that they must come near on
+        their way to whole records.
         """
         made: list[Cause] = []
         for parent in parents:
@@ -179,8 +182,8 @@ class Search:
             plain = [c for c in free if all(c not in forms for forms in wider.values())]
             fits: list[Fitted] = []
             for candidate in self._promising(about, plain, refits):
-                self._join(parent, about.early or about, candidate, fits)
-            self._widen(parent, about.early or about, wider, fits)
+                self._join(parent, about.early or about, candidate, fits, rival)
+            self._widen(parent, about.early or about, wider, fits, rival)
             made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
 
@@ -191,24 +194,48 @@ class Search:
             found += [c for c, gain in about.early.ranking(candidates)[: most // 2] if gain > 0.0 and c not in found]
         return found
 
-    def _join(self, parent: Cause, about: Screen, candidate: Candidate, fits: list[Fitted]) -> None:
+    def _join(
+        self, parent: Cause, about: Screen, candidate: Candidate, fits: list[Fitted], rival: Cause | None
+    ) -> None:
         """Fit a parent with one candidate more, unless that was tried."""
         names = tuple(sorted([*parent.names, candidate.name]))
-        if names in self.tried or self.cancelled():
+        if names in self.tried or names in self.asked or self.cancelled():
             return
+        self.asked.add(names)
         self.tell(f"trying {' + '.join(names)}")
         choice = self.subject.choose(*parent.candidates, candidate)
         begin, values = self._beginning(parent.fitted, about, candidate, fits)
         horizons = self._horizons(parent)
         horizons = horizons if about is self.screen(parent) else (EARLY * horizons[0], *horizons)
-        fitted = fit(self.subject, choice, start=_from(begin, choice, values), fractions=horizons)
-        if not fitted.chi2 <= parent.fitted.chi2:  # it contains the parent, and went astray
+        fitted = self._near(rival, choice, _from(begin, choice, values), horizons)
+        if fitted is not None and not fitted.chi2 <= parent.fitted.chi2:  # it contains the parent, and went astray
             fitted = fit(self.subject, choice, start=_from(parent.fitted, choice), fractions=horizons[-1:])
-        if np.isfinite(fitted.chi2):  # a set that loses the motion from its start explains nothing
+        if fitted is not None and np.isfinite(fitted.chi2):  # lost from its start, a set explains nothing
             fits.append(fitted)
 
+    def _near(self, rival: Cause | None, choice: Choice, x: np.ndarray, horizons: Sequence[float]) -> Fitted | None:
+        """Fitted over one share of the records after the other; None where it falls far behind a rival, which was not
+        even fitted to that share alone.
+        """
+        made = None
+        for share in horizons:
+            made = fit(self.subject, choice, start=x, fractions=(share,))
+            x = made.x
+            if rival is not None and share < horizons[-1]:
+                key = (rival.names, rival.fitted.chi2, share)
+                if key not in self.parts:
+                    self.parts[key] = mean_square(rival.fitted, share)
+                if not made.chi2 < BEHIND * max(self.parts[key], 1.0) * made.r.size:
+                    return None
+        return made
+
     def _widen(
-        self, parent: Cause, about: Screen, wider: Mapping[str, Sequence[Candidate]], fits: list[Fitted]
+        self,
+        parent: Cause,
+        about: Screen,
+        wider: Mapping[str, Sequence[Candidate]],
+        fits: list[Fitted],
+        rival: Cause | None,
     ) -> None:
         """Fit the forms that contain the candidate that came out best; where one of them leaves much less, at all the
         other places too: the simpler form may have come out best at a wrong one.
@@ -217,12 +244,12 @@ class Search:
             return
         plain, best = list(fits), min(fits, key=lambda f: f.chi2)
         for candidate in wider.get(best.choice.candidates[-1].name, ()):
-            self._join(parent, about, candidate, fits)
+            self._join(parent, about, candidate, fits, rival)
         better = {f.choice.candidates[-1].kind for f in fits[len(plain) :] if best.chi2 - f.chi2 > WIDER}
         for simple in plain:
             for candidate in wider.get(simple.choice.candidates[-1].name, ()):
                 if simple is not best and candidate.kind in better:
-                    self._join(parent, about, candidate, fits)
+                    self._join(parent, about, candidate, fits, rival)
 
     def _beginning(
         self, parent: Fitted, about: Screen, candidate: Candidate, fits: Sequence[Fitted]
@@ -251,7 +278,7 @@ class Search:
         by one, the first may have stood for two that joined it since.
         """
         for member in cause.candidates:
-            self.level([self.without(cause, member)], PARTNERS)
+            self.level([self.without(cause, member)], PARTNERS, cause)
 
     def without(self, cause: Cause, member: Candidate) -> Cause:
         """What remains of a cause, begun where the cause ended."""
