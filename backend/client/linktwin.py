@@ -15,7 +15,7 @@ import httpx
 
 from backend.client.events import data_of
 from backend.client.line import CHUNK, CONNECT_S, Line, attempt, parsed, pieces, read
-from backend.client.packing import DRAWING, drawing_files, packed, study_files
+from backend.client.packing import DRAWING, bed_told, drawing_files, packed, study_files, told
 from backend.client.problem import ServiceProblem, not_ours
 from backend.mechanism.study import StudyFile
 from backend.service.answers import ROOMS, FileAnswer, JobAnswer, ProgressAnswer, ResultAnswer, ThingAnswer
@@ -168,15 +168,23 @@ class Linktwin:
         video: ThingAnswer | str,
         mechanism: ThingAnswer | str,
         *,
-        bed: Mapping[str, Any] | Sequence[Any],
-        clicks: Mapping[str, tuple[float, float]] | None = None,
+        bed: Path | str | Mapping[str, Any] | Sequence[Any],
+        clicks: Path | str | Mapping[str, tuple[float, float]] | None = None,
+        targets: Path | str | Mapping[str, int | str] | None = None,
+        from_s: float = 0.0,
+        to_s: float | None = None,
+        filmed_per_s: float | None = None,
         keep_truncated: bool = False,
         repeat_key: str | None = None,
     ) -> JobAnswer:
-        """Measure where the markers went in a clip: `linktwin track`."""
+        """Measure where the markers went in a clip: `linktwin track`.
+
+        bed, clicks, targets: what the command's files hold, or the files.  Raises DrawingError for one that is no JSON.
+        """
         return self.start(
-            {"kind": "track", "video": _id(video), "mechanism": _id(mechanism), "bed": bed, "clicks": clicks,
-             "keep_truncated": keep_truncated}, repeat_key,
+            {"kind": "track", "video": _id(video), "mechanism": _id(mechanism), "bed": bed_told(bed),
+             "clicks": told(clicks), "targets": told(targets), "from_s": from_s, "to_s": to_s,
+             "filmed_per_s": filmed_per_s, "keep_truncated": keep_truncated}, repeat_key,
         )  # fmt: skip
 
     def start(self, request: Mapping[str, Any], repeat_key: str | None = None) -> JobAnswer:

@@ -17,6 +17,7 @@ from backend.service.service import Service
 from backend.service.things import delete_thing, file_of, find_thing, keep_thing
 
 DRAWING = "mechanism.json"
+MOST_TOLD = 100  # of the names that a summary tells
 PARTS = ("bodies", "joints", "effects", "markers")
 
 
@@ -96,9 +97,9 @@ def summary_of(drawn: Mechanism, files: Mapping[str, Any]) -> dict[str, Any]:
         "name": drawn.name,
         "bodies": len(drawn.bodies),
         "joints": len(drawn.joints),
-        "markers": [marker.id for marker in drawn.markers][:100],
+        "markers": [marker.id for marker in drawn.markers][:MOST_TOLD],
         "effects": len(drawn.effects),
-        "missing_meshes": sorted(uris - set(files))[:100],
+        "missing_meshes": sorted(uris - set(files))[:MOST_TOLD],
     }
 
 

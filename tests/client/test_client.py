@@ -23,14 +23,12 @@ from backend.service.jobs import requests
 from backend.service.keys import make_key
 from backend.service.service import open_service
 from tests.client.lossy import lossy
+from tests.service.clips import clip
 from tests.service.serving import FOURBAR, ROOT, Served, serving, settings_in
 
 PENDULUM = ROOT / "samples" / "pendulum"
 STUDY = PENDULUM / "measured" / "study.json"
-# The boxes of an MP4: what it is, its index, and what was filmed.
-CLIP = b"".join((len(data) + 8).to_bytes(4) + kind + data for kind, data in (
-    (b"ftyp", b"isom\0\0\2\0isomiso2mp41"), (b"moov", b""), (b"mdat", bytes(3_000_000)),
-))  # fmt: skip
+CLIP = clip(3_000_000)
 
 
 @pytest.fixture(scope="module")

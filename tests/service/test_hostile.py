@@ -15,6 +15,7 @@ import pytest
 
 from backend.mechanism.study import ExperimentFile
 from tests.service.asked import refused
+from tests.service.clips import box
 from tests.service.conftest import JSON
 from tests.service.serving import FOURBAR, events
 from tests.service.test_routes import STUDY, TRACKS, store_zip, zipped
@@ -35,10 +36,6 @@ def alive_and_not_swollen(client):
 
 def drawing_of(**changes) -> bytes:
     return json.dumps({**json.loads(FOURBAR.read_text()), **changes}).encode()
-
-
-def box(kind: bytes, content: bytes = b"") -> bytes:
-    return struct.pack(">I4s", 8 + len(content), kind) + content
 
 
 def packed_as(path: str, content: bytes, attributes: int = 0) -> bytes:

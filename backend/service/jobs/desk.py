@@ -12,7 +12,10 @@ from typing import Any
 
 from sqlmodel import Session, col, func, select, update
 
+from backend.observe.carried import read_targets
+from backend.observe.tracking_error import TrackingError
 from backend.service.jobs.requests import DiagnoseRequest, FitRequest, JamRequest, SimulateRequest, TrackRequest
+from backend.service.mechanisms import MOST_TOLD
 from backend.service.problems import Problem, not_found
 from backend.service.records import Job, Repeat, StoredFile, Thing
 from backend.service.service import Service
@@ -52,6 +55,8 @@ def start_job(service: Service, owner: str, request: AnyRequest, repeat_key: str
                 thing = session.get(Thing, id)
                 if thing is None or thing.owner != owner or thing.kind != kind:
                     raise not_found(kind, id)
+                if isinstance(request, TrackRequest) and kind == "mechanism":
+                    _refuse_unknown_markers(request, thing.summary["markers"])
         _refuse_too_many(service, session, owner)
         job = Job(owner=owner, kind=request.kind, request=told)
         session.add(job)
@@ -162,6 +167,19 @@ def _repeated(session: Session, known: Repeat, fingerprint: str) -> Job:
     if job is None:
         raise not_found("job", known.job)
     return job
+
+
+def _refuse_unknown_markers(request: TrackRequest, markers: list[str]) -> None:
+    if len(markers) == MOST_TOLD:  # there may be more of them: the command itself will say
+        return
+    try:
+        read_targets(request.targets, markers)
+    except TrackingError as error:
+        raise Problem("invalid", str(error)) from None
+    if strangers := sorted(set(request.clicks or {}) - set(markers)):
+        raise Problem(
+            "invalid", f"Clicks name {', '.join(strangers)[:500]}; the drawing has {', '.join(markers) or 'no marker'}."
+        )
 
 
 def _refuse_too_many(service: Service, session: Session, owner: str) -> None:
