@@ -21,7 +21,9 @@ MOST_TOLD = 100  # of the names that a summary tells
 PARTS = ("bodies", "joints", "effects", "markers")
 
 
-def store_mechanism(service: Service, owner: str, files: Mapping[str, Path], name: str | None = None) -> Thing:
+def store_mechanism(
+    service: Service, owner: str, files: Mapping[str, Path], name: str | None = None, repeat_key: str | None = None
+) -> Thing:
     """Check and keep a mechanism.
 
     files: path in the folder -> file on this machine; one is mechanism.json, the others its meshes.
@@ -31,15 +33,17 @@ def store_mechanism(service: Service, owner: str, files: Mapping[str, Path], nam
     if DRAWING not in taken:
         raise Problem("invalid", f"There is no {DRAWING} among the files; send it beside its meshes.")
     drawn = read_drawing(service, taken[DRAWING])
-    return keep_thing(service, owner, "mechanism", name or drawn.name, taken, summary_of(drawn, taken))
+    return keep_thing(service, owner, "mechanism", name or drawn.name, taken, summary_of(drawn, taken), repeat_key)
 
 
-def store_mechanism_document(service: Service, owner: str, text: bytes, name: str | None = None) -> Thing:
+def store_mechanism_document(
+    service: Service, owner: str, text: bytes, name: str | None = None, repeat_key: str | None = None
+) -> Thing:
     """Check and keep a mechanism.json alone, without meshes."""
     with tempfile.TemporaryDirectory(dir=service.settings.scratch) as folder:
         path = Path(folder) / DRAWING
         path.write_bytes(text)
-        return store_mechanism(service, owner, {DRAWING: path}, name)
+        return store_mechanism(service, owner, {DRAWING: path}, name, repeat_key)
 
 
 def read_drawing(service: Service, path: Path) -> Mechanism:

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from pydantic import TypeAdapter
@@ -91,6 +92,45 @@ def test_a_table_that_names_an_unknown_marker_is_refused_with_its_row(client):
     document = refused(store_zip(client, "studies", folder), 422, "invalid")
     assert any("e1.csv" in fault and "row 2" in fault and '"Q"' in fault for fault in document["errors"])
     assert "/tmp" not in json.dumps(document)
+
+
+def test_an_upload_under_the_same_key_is_stored_once(opened):
+    service, client = opened(stored_bytes_per_owner=20_000)
+    key, drawing = (
+        {"idempotency-key": "k"},
+        {"fourbar/mechanism.json": FOURBAR.read_bytes(), "fourbar/meshes/crank.stl": STL},
+    )
+    zip_kind = {"content-type": "application/zip", **key}
+
+    packed = zipped(drawing)
+
+    def send(content=packed, headers=zip_kind, **more):
+        return client.post("/api/v1/mechanisms", content=content, headers=headers, **more)
+
+    with ThreadPoolExecutor() as several:  # a client asks again while its first request is still at work
+        answers = [one.result() for one in [several.submit(send) for _ in range(4)]]
+    assert {answer.status_code for answer in answers} == {201}
+    assert len({answer.headers["location"] for answer in answers}) == 1
+    assert client.get("/api/v1/mechanisms").json()["total"] == 1
+    assert len(list(service.storage.written())) == 2  # nothing is left of the repeated ones
+    parts = [("files", ("mechanism.json", FOURBAR.read_bytes())), ("files", ("meshes/crank.stl", STL))]
+    assert client.post("/api/v1/mechanisms", files=parts, headers=key).json() == answers[0].json()  # the same folder
+    for other in (
+        send(FOURBAR.read_bytes(), {**JSON, **key}),
+        send(params={"name": "another"}),
+        client.put("/api/v1/videos", content=clip(), headers=key),
+        client.post("/api/v1/jobs", json={"kind": "simulate", "mechanism": answers[0].json()["id"]}, headers=key),
+    ):
+        refused(other, 422, "key-reused")
+    assert len(list(service.storage.written())) == 2
+    big = client.put("/api/v1/videos", content=clip(8000), headers={"idempotency-key": "v"})
+    assert big.status_code == 201, big.text
+    refused(client.put("/api/v1/videos", content=clip(8000)), 507, "storage-full")
+    again = client.put("/api/v1/videos", content=clip(8000), headers={"idempotency-key": "v"})
+    assert again.json() == big.json()  # it takes no more room
+    client.delete(big.headers["location"])
+    anew = client.put("/api/v1/videos", content=clip(8000), headers={"idempotency-key": "v"})
+    assert (anew.status_code, anew.json()["id"] == big.json()["id"]) == (201, False)
 
 
 def test_lists_come_in_slices_newest_first(client):

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Body, Depends, Header, Query, Response
+from fastapi import APIRouter, Body, Depends, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from sse_starlette import EventSourceResponse, ServerSentEvent
 
@@ -22,7 +22,7 @@ from backend.service.answers import (
     ProgressAnswer,
     ResultAnswer,
 )  # fmt: skip
-from backend.service.asking import TheOwner, TheService, TheSlice, may_fail
+from backend.service.asking import RepeatKey, TheOwner, TheService, TheSlice, may_fail
 from backend.service.jobs.desk import (
     cancel_job,
     delete_job,
@@ -73,18 +73,11 @@ EVENT = {
         "data": {"type": "string", "contentMediaType": "application/json"},
     },
 }
-RepeatKey = Annotated[
-    str | None,
-    Header(
-        alias="Idempotency-Key", min_length=1, max_length=255, pattern=r"^[!-~]+$",
-        description="The same key with the same request gives the job made the first time, for a day.",
-    ),
-]  # fmt: skip
 _streams: Counter[str] = Counter()
 
 
 @router.post(
-    "", status_code=202, responses=may_fail("not-found", "too-large", "too-slow", "wrong-type"),
+    "", status_code=202, responses=may_fail("not-found", "too-large", "too-slow", "wrong-type", "key-reused"),
     dependencies=[Depends(json_alone)],
 )  # fmt: skip
 def post_job(
