@@ -52,6 +52,9 @@ def jam(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the samples.")] = 0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the samples that were cut off in --out.")
+    ] = False,
     server: Server = None,
     key: Key = None,
     out: Out = None,
@@ -61,10 +64,12 @@ def jam(
     asked = Asked(duration_s, step_s, samples, tuple(vary or ()), seed)
     with answering(as_json) as answer:
         if server is not None:
-            _there(asked, file, out, answer, server, key)
+            _there(asked, file, out, answer, server, key, resume)
         elif samples is not None or vary:
-            _ensemble(asked, file, out, answer)
+            _ensemble(asked, file, out, answer, resume)
         else:
+            if resume:
+                raise ValueError("--resume goes on with samples; one motion begins anew: leave it out")
             _once(asked, file, out, answer)
 
 
@@ -101,7 +106,7 @@ def _once(asked: Asked, file: Path, out: Path | None, answer: Answer) -> None:
     answer({"experiments": reports} if study else reports[""], "\n".join(said))
 
 
-def _ensemble(asked: Asked, file: Path, out: Path | None, answer: Answer) -> None:
+def _ensemble(asked: Asked, file: Path, out: Path | None, answer: Answer, resume: bool) -> None:
     """Many samples of one drawing."""
     from backend.mechanism.read import is_study, read_mechanism
     from backend.report.ensemble_page import write_ensemble_page
@@ -115,11 +120,12 @@ def _ensemble(asked: Asked, file: Path, out: Path | None, answer: Answer) -> Non
     folder = folder_for(out, drawn.name)
     with progress("compiling, then letting samples go") as advance:
         from backend.jam.ensemble import ensemble
+        from backend.jam.kept import FILE
 
         try:
             found = ensemble(
                 drawn, asked.vary, asked.samples, asked.from_pose_s, asked.step_s, seed=asked.seed,
-                progress=counting(advance),
+                checkpoint=folder / FILE, resume=resume, progress=counting(advance),
             )  # fmt: skip
         except RuntimeError as error:
             raise Failed(str(error)) from error
@@ -131,7 +137,9 @@ def _ensemble(asked: Asked, file: Path, out: Path | None, answer: Answer) -> Non
     answer(report, f"{ensemble_text(found.report)}\n{written}")
 
 
-def _there(asked: Asked, file: Path, out: Path | None, answer: Answer, server: str, key: str | None) -> None:
+def _there(
+    asked: Asked, file: Path, out: Path | None, answer: Answer, server: str, key: str | None, resume: bool
+) -> None:
     """Any of both, done by a service."""
     from backend.mechanism.ensemble_report import EnsembleReport
     from backend.mechanism.jam_report import JamReport
@@ -150,5 +158,6 @@ def _there(asked: Asked, file: Path, out: Path | None, answer: Answer, server: s
     done = done_there(
         server, key, file, out,
         lambda there, id: there.jam(**{"study" if many else "mechanism": id}, **asdict(asked)), study=many,
+        resume=resume,
     )  # fmt: skip
     done.tell(answer, text, "jam.html" if asked.samples is None else "jam_ensemble.html")

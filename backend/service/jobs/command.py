@@ -13,7 +13,7 @@ from backend.service.service import Service
 from backend.service.studies import STUDY
 from backend.service.things import files_of
 
-CHECKPOINTS = ("fit.checkpoint.json", "diagnosis.kept.jsonl")
+CHECKPOINTS = ("fit.checkpoint.json", "diagnosis.kept.jsonl", "jam.kept.jsonl")
 WATCHED = "watching.jpg"  # what `linktwin track` is looking at
 
 
@@ -38,7 +38,8 @@ def _jam(service: Service, request: dict[str, Any], inputs: Path, resume: bool) 
     else:
         subject = _bring(service, request["mechanism"], inputs / "mechanism") / DRAWING
     options = _options(request, duration_s="duration", step_s="step", samples="samples", seed="seed")
-    return ["jam", str(subject), *options, *(f"--vary={spec}" for spec in request["vary"])]
+    options += [f"--vary={spec}" for spec in request["vary"]]
+    return ["jam", str(subject), *options, *_flags(resume=resume)]
 
 
 def _fit(service: Service, request: dict[str, Any], inputs: Path, resume: bool) -> list[str]:
