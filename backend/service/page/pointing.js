@@ -25,8 +25,8 @@ export default {
               <label>y <input type="number" step="any" v-model.number="point.y_mm" @input="tell" :aria-label="'y of ' + point.id + ' in mm'"> mm</label>
             </template>
             <template v-if="mode === 'stick'">
-              <label>x <input type="number" step="any" v-model.number="point.x_px" @input="tell" :aria-label="'x of ' + point.id + ' in pixels'"> px</label>
-              <label>y <input type="number" step="any" v-model.number="point.y_px" @input="tell" :aria-label="'y of ' + point.id + ' in pixels'"> px</label>
+              <label>x <input type="number" step="any" v-model.number="point.x_px" @input="tell(); paint()" :aria-label="'x of ' + point.id + ' in pixels'"> px</label>
+              <label>y <input type="number" step="any" v-model.number="point.y_px" @input="tell(); paint()" :aria-label="'y of ' + point.id + ' in pixels'"> px</label>
             </template>
             <button v-if="placed(point)" type="button" class="quiet" @click="drop(point)" :aria-label="'Take ' + point.id + ' off'">×</button>
           </li>
