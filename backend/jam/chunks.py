@@ -38,16 +38,16 @@ class Job:
     step_s: float
     chunk: int = CHUNK
 
-    def content(self, samples: Float[np.ndarray, "samples parameters"]) -> str:
-        """A fingerprint of what is asked, and of which samples."""
-        told = repr(self).encode() + np.ascontiguousarray(samples).tobytes()
-        return hashlib.sha256(told).hexdigest()[:16]
-
     def ask(self, samples: Float[np.ndarray, "samples parameters"]) -> Verdicts:
         """Verdicts of one chunk; pure, so that it may be asked anywhere and again."""
         model, columns, addresses = _model(self.document, self.specs)
         ((_, seen),) = verdicts(model, addresses, samples[:, columns], self.duration_s, self.step_s, self.chunk)
         return seen
+
+
+def content_of(job: Job, samples: Float[np.ndarray, "samples parameters"]) -> str:
+    """A fingerprint of what is asked, and of which samples."""
+    return hashlib.sha256(repr(job).encode() + np.ascontiguousarray(samples).tobytes()).hexdigest()[:16]
 
 
 @lru_cache(maxsize=4)
@@ -92,7 +92,7 @@ def _spread(address: str, job: Job, samples: np.ndarray, places: list[slice]) ->
         raise ValueError(
             f"{SCHEDULER} is set, and dask.distributed is not installed: pip install distributed, or unset it"
         ) from None
-    content = job.content(samples)
+    content = content_of(job, samples)
     try:
         client = Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -14,7 +14,7 @@ import pandas as pd
 from scipy import stats
 
 from backend.jam.batch import CHUNK, Verdicts
-from backend.jam.chunks import SCHEDULER, Job, answers
+from backend.jam.chunks import SCHEDULER, Job, answers, content_of
 from backend.jam.distribution import Varied, varied
 from backend.jam.follow import Progress
 from backend.jam.kept import KeptChunks
@@ -78,7 +78,7 @@ def ensemble(
     table = design([one.distribution for one in several], samples, seed)
     document = json.dumps(mechanism.model_dump(mode="json", exclude_none=True))
     job = Job(document, tuple(specs), duration_s, step_s, chunk)
-    kept = KeptChunks.of(checkpoint, job.content(table.values), resume=resume) if checkpoint else None
+    kept = KeptChunks.of(checkpoint, content_of(job, table.values), resume=resume) if checkpoint else None
     seen, speed = _answered(job, table, kept, progress)
     if seen.lost[table.independent].all():
         raise ValueError(
