@@ -1,4 +1,4 @@
-"""The line to a service: one request and its answer, asked again only where that changes nothing."""
+"""The line to a service: one request and its answer, asked again where the line broke."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class Line:
             base_url=self.url + API, headers=headers, timeout=httpx.Timeout(ANSWER_S, connect=CONNECT_S)
         )
 
-    def ask(self, method: str, path: str, again: bool = True, **more: Any) -> httpx.Response:
-        """An answer that grants what was asked.  again: whether it may be asked twice."""
+    def ask(self, method: str, path: str, **more: Any) -> httpx.Response:
+        """An answer that grants what was asked; asked again where it may do better."""
+        return attempt(lambda: self.once(method, path, **more))
 
-        def once() -> httpx.Response:
-            with self.stream(method, path, **more) as answer:
-                answer.read()
-                return answer
-
-        return attempt(once) if again else once()
+    def once(self, method: str, path: str, **more: Any) -> httpx.Response:
+        """The same, asked once."""
+        with self.stream(method, path, **more) as answer:
+            answer.read()
+            return answer
 
     @contextmanager
     def stream(self, method: str, path: str, **more: Any) -> Iterator[httpx.Response]:

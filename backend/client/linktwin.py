@@ -15,7 +15,7 @@ import httpx
 
 from backend.client.events import data_of
 from backend.client.line import CHUNK, CONNECT_S, Line, attempt, parsed, pieces, read
-from backend.client.packing import DRAWING, drawing_files, packed, study_files
+from backend.client.packing import DRAWING, bed_told, drawing_files, packed, study_files, told
 from backend.client.problem import ServiceProblem, not_ours
 from backend.mechanism.study import StudyFile
 from backend.service.answers import ROOMS, FileAnswer, JobAnswer, ProgressAnswer, ResultAnswer, ThingAnswer
@@ -37,8 +37,9 @@ class Linktwin:
     """A service at an address, asked with a key where it wants one.
 
     A mechanism, study, clip or job is named by its answer or by its id.  What is asked for is asked again after a
-    break of the line only where that changes nothing: reading, deleting, and starting a job, which its idempotency key
-    keeps from being started twice.  An upload is never sent twice.  Raises ServiceProblem.
+    break of the line: an idempotency key keeps a job from being started twice, and an upload from being stored twice.
+    repeat_key: one's own, under which a program that was ended may ask again; made up otherwise.  Raises
+    ServiceProblem.
     """
 
     def __init__(self, url: str, key: str | None = None):
@@ -57,17 +58,20 @@ class Linktwin:
 
     # What is stored
 
-    def store_mechanism(self, drawing: Path | str, name: str | None = None, sent: Sent = _nobody) -> ThingAnswer:
+    def store_mechanism(
+        self, drawing: Path | str, name: str | None = None, sent: Sent = _nobody, repeat_key: str | None = None
+    ) -> ThingAnswer:
         """Store a mechanism.json, or the one in a folder, with its meshes.
 
         sent: told the part of the upload that has gone.  Raises DrawingError too.
         """
         path = Path(drawing)
-        return self._store_folder("mechanism", drawing_files(path / DRAWING if path.is_dir() else path), name, sent)
+        files = drawing_files(path / DRAWING if path.is_dir() else path)
+        return self._store_folder("mechanism", files, name, sent, repeat_key)
 
     def store_study(
         self, study: Path | str | StudyFile, folder: Path | str | None = None, name: str | None = None,
-        sent: Sent = _nobody,
+        sent: Sent = _nobody, repeat_key: str | None = None,
     ) -> ThingAnswer:  # fmt: skip
         """Store a study.json with all that it names: mechanism and meshes, tracks and other tables, cameras, clips.
 
@@ -76,19 +80,25 @@ class Linktwin:
         if not isinstance(study, StudyFile):
             study = Path(study)
             folder = study.parent if folder is None else folder
-        return self._store_folder("study", study_files(study, Path(folder or ".")), name, sent)
+        return self._store_folder("study", study_files(study, Path(folder or ".")), name, sent, repeat_key)
 
-    def compose_study(self, document: Mapping[str, Any] | StudyFile, name: str | None = None) -> ThingAnswer:
+    def compose_study(
+        self, document: Mapping[str, Any] | StudyFile, name: str | None = None, repeat_key: str | None = None
+    ) -> ThingAnswer:
         """Store a study of what is stored already: `mechanisms/ID`, `videos/ID`, `jobs/ID/files/tracks.csv`."""
         told = document.model_dump(mode="json", exclude_none=True) if isinstance(document, StudyFile) else document
-        answer = self._line.ask("POST", "/studies", again=False, json=dict(told), params=_given(name=name))
+        answer = self._line.ask(
+            "POST", "/studies", json=dict(told), params=_given(name=name), headers=_repeatable(repeat_key)
+        )
         return read(ThingAnswer, answer)
 
-    def store_clip(self, clip: Path | str, name: str | None = None, sent: Sent = _nobody) -> ThingAnswer:
+    def store_clip(
+        self, clip: Path | str, name: str | None = None, sent: Sent = _nobody, repeat_key: str | None = None
+    ) -> ThingAnswer:
         """Store a clip, streamed."""
         path = Path(clip)
         with path.open("rb") as file:
-            return self._store("PUT", "/videos", file, path.stat().st_size, BYTES, name or path.stem, sent)
+            return self._store("PUT", "/videos", file, path.stat().st_size, BYTES, name or path.stem, sent, repeat_key)
 
     def thing(self, kind: Kind, id: str) -> ThingAnswer:
         """A stored mechanism, study or clip, and its files."""
@@ -168,24 +178,28 @@ class Linktwin:
         video: ThingAnswer | str,
         mechanism: ThingAnswer | str,
         *,
-        bed: Mapping[str, Any] | Sequence[Any],
-        clicks: Mapping[str, tuple[float, float]] | None = None,
+        bed: Path | str | Mapping[str, Any] | Sequence[Any],
+        clicks: Path | str | Mapping[str, tuple[float, float]] | None = None,
+        targets: Path | str | Mapping[str, int | str] | None = None,
+        from_s: float = 0.0,
+        to_s: float | None = None,
+        filmed_per_s: float | None = None,
         keep_truncated: bool = False,
         repeat_key: str | None = None,
     ) -> JobAnswer:
-        """Measure where the markers went in a clip: `linktwin track`."""
+        """Measure where the markers went in a clip: `linktwin track`.
+
+        bed, clicks, targets: what the command's files hold, or the files.  Raises DrawingError for one that is no JSON.
+        """
         return self.start(
-            {"kind": "track", "video": _id(video), "mechanism": _id(mechanism), "bed": bed, "clicks": clicks,
-             "keep_truncated": keep_truncated}, repeat_key,
+            {"kind": "track", "video": _id(video), "mechanism": _id(mechanism), "bed": bed_told(bed),
+             "clicks": told(clicks), "targets": told(targets), "from_s": from_s, "to_s": to_s,
+             "filmed_per_s": filmed_per_s, "keep_truncated": keep_truncated}, repeat_key,
         )  # fmt: skip
 
     def start(self, request: Mapping[str, Any], repeat_key: str | None = None) -> JobAnswer:
-        """Ask for work, as backend/service/jobs/requests.py has it.
-
-        repeat_key: the same key with the same request gives the job made the first time; one of its own otherwise.
-        """
-        headers = {"Idempotency-Key": repeat_key or str(uuid.uuid4())}
-        return read(JobAnswer, self._line.ask("POST", "/jobs", json=dict(request), headers=headers))
+        """Ask for work, as backend/service/jobs/requests.py has it."""
+        return read(JobAnswer, self._line.ask("POST", "/jobs", json=dict(request), headers=_repeatable(repeat_key)))
 
     def job(self, job: JobAnswer | str) -> JobAnswer:
         """A job as it stands."""
@@ -301,26 +315,36 @@ class Linktwin:
         room = "jobs" if isinstance(what, JobAnswer) else ROOMS[what.kind]
         return f"{self._line.url}/ui/{room}/{what.id}"
 
-    def _store_folder(self, kind: Kind, files: Mapping[str, Path | bytes], name: str | None, sent: Sent) -> ThingAnswer:
+    def _store_folder(
+        self, kind: Kind, files: Mapping[str, Path | bytes], name: str | None, sent: Sent, repeat_key: str | None
+    ) -> ThingAnswer:
         with packed(files) as archive:
             size = archive.seek(0, 2)
-            archive.seek(0)
-            return self._store("POST", f"/{ROOMS[kind]}", archive, size, ZIP, name, sent)
+            return self._store("POST", f"/{ROOMS[kind]}", archive, size, ZIP, name, sent, repeat_key)
 
     def _store(
-        self, method: str, path: str, file: IO[bytes], size: int, kind: str, name: str | None, sent: Sent
-    ) -> ThingAnswer:
+        self, method: str, path: str, file: IO[bytes], size: int, kind: str, name: str | None, sent: Sent,
+        repeat_key: str | None,
+    ) -> ThingAnswer:  # fmt: skip
         if not self._welcome:  # a key that is refused is better told before a large upload than after it
             self._line.ask("GET", "/jobs", params={"limit": 1})
             self._welcome = True
-        headers = {"Content-Type": kind, "Content-Length": str(size)}
-        content = pieces(file, size, sent)
-        answer = self._line.ask(method, path, again=False, content=content, headers=headers, params=_given(name=name))
-        return read(ThingAnswer, answer)
+        headers = {"Content-Type": kind, "Content-Length": str(size), **_repeatable(repeat_key)}
+
+        def once() -> httpx.Response:
+            file.seek(0)
+            content = pieces(file, size, sent)
+            return self._line.once(method, path, content=content, headers=headers, params=_given(name=name))
+
+        return read(ThingAnswer, attempt(once))
 
 
 def _id(what: ThingAnswer | JobAnswer | str) -> str:
     return quote(what, safe="") if isinstance(what, str) else what.id
+
+
+def _repeatable(repeat_key: str | None) -> dict[str, str]:
+    return {"Idempotency-Key": repeat_key or str(uuid.uuid4())}
 
 
 def _given(**options: str | None) -> dict[str, str]:

@@ -9,11 +9,11 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.mechanism import Mechanism
-from backend.mechanism.read import read_mechanism, read_study_file
+from backend.mechanism.read import decode, read_mechanism, read_study_file
 from backend.mechanism.study import NAMED, StudyFile
 
 DRAWING, STUDY = "mechanism.json", "study.json"
@@ -52,6 +52,25 @@ def study_files(study: Path | StudyFile, folder: Path) -> dict[str, Path | bytes
             if (uri := experiment.get(field)) is not None:
                 experiment[field] = take(uri, f"experiment_{number}_{field}{Path(uri).suffix}")
     return {**taken, STUDY: json.dumps(told, indent=1, ensure_ascii=False).encode()}
+
+
+def told(given: Any) -> Any:
+    """What a JSON file holds, where one is named; else what was given.  Raises DrawingError for one that is no JSON."""
+    if not isinstance(given, str | Path):
+        return given
+    try:
+        return decode(Path(given).read_text(encoding="utf-8-sig"), str(given))
+    except UnicodeDecodeError:
+        raise DrawingError("is not UTF-8 text; save it as UTF-8", str(given)) from None
+
+
+def bed_told(given: Any) -> Any:
+    """The same of a bed; the camera that it names is put in its place, found from the folder of the bed's file."""
+    bed = told(given)
+    if isinstance(bed, Mapping) and isinstance(bed.get("camera"), str):
+        folder = Path(given).parent if isinstance(given, str | Path) else Path()
+        return {**bed, "camera": told(folder / bed["camera"])}
+    return bed
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -70,13 +71,14 @@ def done_there(
     key: str | None,
     file: Path,
     out: Path | None,
-    start: Callable[[Linktwin, str], JobAnswer],
+    start: Callable[..., JobAnswer],
     study: bool = True,
     resume: bool = False,
+    clip: Path | None = None,
 ) -> DoneThere:
-    """Send a study with all it names, or a mechanism, start a job of it, wait, and bring what it wrote.
+    """Send a study with all it names, or a mechanism, and a clip where there is one; start a job, bring what it wrote.
 
-    start: given the client and the id of what was stored.  Ctrl-C cancels the job.
+    start: given the client and the ids of what was stored.  Ctrl-C cancels the job.
     """
     from backend.client import ServiceProblem
     from backend.mechanism.read import read_mechanism, read_study_file
@@ -86,9 +88,11 @@ def done_there(
     drawn = read_mechanism(file.parent / read_study_file(file).mechanism if study else file)
     folder = folder_for(out, drawn.name)
     with asking(server, key) as there, progress("sending") as advance:
-        store = there.store_study if study else there.store_mechanism
-        thing = store(file, sent=lambda part: advance(SENDING * part, "sending"))
-        job = start(there, thing.id)
+        sending = partial(_sent, advance)
+        things = [(there.store_study if study else there.store_mechanism)(file, sent=sending)]
+        if clip is not None:
+            things.append(there.store_clip(clip, sent=sending))
+        job = start(there, *(thing.id for thing in things))
         try:
             job = there.wait(job, _told(advance))
             written = there.download(job, folder, without=[REPORT])
@@ -101,6 +105,10 @@ def done_there(
                 problem.detail += f" The job goes on, and is kept: {there.page(job)}"
             raise
         return DoneThere(job, report, folder, written, there.page(job))
+
+
+def _sent(advance: Advance, part: float) -> None:
+    advance(SENDING * part, "sending")
 
 
 def _told(advance: Advance) -> Callable[[ProgressAnswer], None]:

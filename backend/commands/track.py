@@ -8,7 +8,10 @@ from typing import Annotated
 
 import typer
 
+from backend.commands.remote import Key, Server, done_there
 from backend.commands.terminal import AsJson, Out, answering, counting, progress
+
+TRACKS, PREVIEW = "tracks.csv", "preview.mp4"
 
 
 def track(
@@ -46,6 +49,8 @@ def track(
         float | None,
         typer.Option(metavar="RATE", min=1.0, help="Frames a second of slow motion that does not note its rate."),
     ] = None,
+    server: Server = None,
+    key: Key = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -54,12 +59,27 @@ def track(
         from backend.mechanism.read import read_mechanism
         from backend.report.track_summary import track_text
 
+        folder = out or Path("out") / video.stem
+        if server is not None:
+            if cotracker is not None:
+                raise ValueError("--cotracker names weights on this machine; a service has none: leave one out")
+            done = done_there(
+                server, key, mechanism, folder,
+                lambda there, drawing, clip: there.track(
+                    clip, drawing, bed=bed, clicks=clicks, targets=targets, from_s=start_s, to_s=end_s,
+                    filmed_per_s=filmed_at, keep_truncated=keep_truncated,
+                ),
+                study=False, clip=video,
+            )  # fmt: skip
+            if done.report is not None:
+                done.report["files"] = _files(folder)
+            done.tell(answer, track_text, PREVIEW)
+            return
         drawn = read_mechanism(mechanism)
         with progress("opening the clip") as advance:
             from backend.observe.measure import track_video
             from backend.observe.video import Part
 
-            folder = out or Path("out") / video.stem
             result = track_video(
                 video,
                 drawn,
@@ -72,6 +92,10 @@ def track(
                 part=Part(start_s, math.inf if end_s is None else end_s, filmed_at),
                 progress=counting(advance),
             )
-        files = {"tracks": str(result.tracks_path), "preview": str(result.preview_path)}
-        written = f"wrote     {result.tracks_path}\nopen      {result.preview_path}"
+        files = _files(folder)
+        written = f"wrote     {files['tracks']}\nopen      {files['preview']}"
         answer({**result.summary, "files": files}, f"{track_text(result.summary)}\n{written}")
+
+
+def _files(folder: Path) -> dict[str, str]:
+    return {"tracks": str(folder / TRACKS), "preview": str(folder / PREVIEW)}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -45,6 +45,11 @@ class Job:
         return seen
 
 
+def content_of(job: Job, samples: Float[np.ndarray, "samples parameters"]) -> str:
+    """A fingerprint of what is asked, and of which samples."""
+    return hashlib.sha256(repr(job).encode() + np.ascontiguousarray(samples).tobytes()).hexdigest()[:16]
+
+
 @lru_cache(maxsize=4)
 def _model(document: str, specs: tuple[str, ...]) -> tuple[Model, np.ndarray, tuple[Address, ...]]:
     """The drawing at the middle of what varies, the address of each number, and the column that it reads.
@@ -60,15 +65,19 @@ def _model(document: str, specs: tuple[str, ...]) -> tuple[Model, np.ndarray, tu
     return model, np.array([k for k, _ in pairs]), tuple(address for _, address in pairs)
 
 
-def answers(job: Job, samples: Float[np.ndarray, "samples parameters"]) -> Iterator[tuple[slice, Verdicts]]:
+def answers(
+    job: Job, samples: Float[np.ndarray, "samples parameters"], done: Container[int] = ()
+) -> Iterator[tuple[slice, Verdicts]]:
     """Every chunk once, with the samples that it is about, in the order in which they are done.
 
-    Where the environment names a scheduler in DASK_SCHEDULER_ADDRESS, its workers do them.  Raises ValueError where it
-    cannot be reached, RuntimeError where a chunk takes worker after worker along.
+    done: first samples of the chunks that are left out.  Where the environment names a scheduler in
+    DASK_SCHEDULER_ADDRESS, its workers do them.  Raises ValueError where it cannot be reached, RuntimeError where a
+    chunk takes worker after worker along.
     """
-    places = [slice(first, min(first + job.chunk, len(samples))) for first in range(0, len(samples), job.chunk)]
+    every = range(0, len(samples), job.chunk)
+    places = [slice(first, min(first + job.chunk, len(samples))) for first in every if first not in done]
     address = os.environ.get(SCHEDULER)
-    if address:
+    if address and places:
         yield from _spread(address, job, samples, places)
     else:
         for place in places:
@@ -83,7 +92,7 @@ def _spread(address: str, job: Job, samples: np.ndarray, places: list[slice]) ->
         raise ValueError(
             f"{SCHEDULER} is set, and dask.distributed is not installed: pip install distributed, or unset it"
         ) from None
-    content = hashlib.sha256(repr(job).encode() + np.ascontiguousarray(samples).tobytes()).hexdigest()[:16]
+    content = content_of(job, samples)
     try:
         client = Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -14,9 +14,10 @@ import pandas as pd
 from scipy import stats
 
 from backend.jam.batch import CHUNK, Verdicts
-from backend.jam.chunks import SCHEDULER, Job, answers
+from backend.jam.chunks import SCHEDULER, Job, answers, content_of
 from backend.jam.distribution import Varied, varied
 from backend.jam.follow import Progress
+from backend.jam.kept import KeptChunks
 from backend.jam.run import steps_of
 from backend.jam.sensitivity import FEWEST, Design, Indices, design, indices
 from backend.mechanism.ensemble_report import EnsembleReport, Share, ShownSamples, Throughput, VariedParameter
@@ -60,12 +61,15 @@ def ensemble(
     *,
     seed: int = 0,
     chunk: int = CHUNK,
+    checkpoint: Path | None = None,
+    resume: bool = False,
     progress: Progress | None = None,
 ) -> Ensemble:
     """Jam probability of a drawing let go from rest, its values scattered as the specs say (`distribution.py`).
 
     n (d + 2) of the samples give the Sobol' indices of d parameters, n the largest power of two that fits.  One
-    process, or the workers of the scheduler that DASK_SCHEDULER_ADDRESS names.  Raises ValueError with the remedy.
+    process, or the workers of the scheduler that DASK_SCHEDULER_ADDRESS names.  checkpoint: where finished chunks are
+    kept until all are done.  resume: go on from those that lie there.  Raises ValueError with the remedy.
     """
     steps_of(duration_s, step_s)
     if not 1 <= samples <= MOST_SAMPLES:
@@ -73,7 +77,9 @@ def ensemble(
     several, _ = varied(mechanism, specs)
     table = design([one.distribution for one in several], samples, seed)
     document = json.dumps(mechanism.model_dump(mode="json", exclude_none=True))
-    seen, speed = _answered(Job(document, tuple(specs), duration_s, step_s, chunk), table, progress)
+    job = Job(document, tuple(specs), duration_s, step_s, chunk)
+    kept = KeptChunks.of(checkpoint, content_of(job, table.values), resume=resume) if checkpoint else None
+    seen, speed = _answered(job, table, kept, progress)
     if seen.lost[table.independent].all():
         raise ValueError(
             f"every one of {samples} samples was lost: look at one with `linktwin jam` or `simulate` first"
@@ -81,15 +87,26 @@ def ensemble(
     return Ensemble(_report(mechanism.name, several, table, seen, speed, seed, duration_s, step_s), table, seen)
 
 
-def _answered(job: Job, table: Design, progress: Progress | None) -> tuple[Verdicts, Throughput]:
-    """Verdicts of all samples, put where their chunk's number says."""
+def _answered(
+    job: Job, table: Design, kept: KeptChunks | None, progress: Progress | None
+) -> tuple[Verdicts, Throughput]:
+    """Verdicts of all samples, put where their chunk's number says; throughput of those that were not kept."""
     count = len(table.values)
     jammed, rests, lost = (np.zeros(count, dtype=bool) for _ in range(3))
     onset, answered, begun = np.full(count, np.nan), np.zeros(count, dtype=int), time.perf_counter()
     first, others, chunks = 0.0, 0, 0
-    for place, seen in answers(job, table.values):
+
+    def put(place: slice, seen: Verdicts) -> None:
         jammed[place], rests[place], onset[place], lost[place] = seen.jammed, seen.rests, seen.onset_s, seen.lost
         answered[place] += 1
+
+    done = dict(kept.ends) if kept else {}
+    for start, seen in done.items():
+        put(slice(start, start + len(seen.jammed)), seen)
+    for place, seen in answers(job, table.values, done):
+        put(place, seen)
+        if kept:
+            kept.note(place.start, seen)
         chunks += 1
         if chunks == 1:
             first = time.perf_counter() - begun
@@ -99,6 +116,8 @@ def _answered(job: Job, table: Design, progress: Progress | None) -> tuple[Verdi
             progress(int(answered.sum()), count)
     if (answered != 1).any():
         raise RuntimeError(f"{int((answered != 1).sum())} samples were not answered exactly once")
+    if kept:
+        kept.remove()
     wall = time.perf_counter() - begun
     processes = f"workers of {os.environ[SCHEDULER]}" if os.environ.get(SCHEDULER) else "one process"
     rate = others / (wall - first) if others else None

@@ -115,6 +115,8 @@ def summarise(
         "video": video.name,
         "frames": int(tracks.frame.nunique()),
         "frames_per_s": video.frames_per_s,
+        "begins_s": video.begins_s,
+        "slower": video.slower,
         "duration_s": float(tracks.time_s.max() - tracks.time_s.min()),
         "metres_per_px": float(metres_per_px),
         "dot_radius_px": targets.radius_px if look else None,

@@ -16,6 +16,7 @@ from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
 from backend.observe.camera_in_clip import camera_in_clip
+from backend.observe.carried import TEXTURE, GivenTargets, Untagged, read_targets
 from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.follow_bed import BedWatch, ShakenView, settle
 from backend.observe.kinematics import kinematics_of
@@ -26,7 +27,7 @@ from backend.observe.project import AbstractView, view_in_picture
 from backend.observe.readout import dated, error_of_readout_m, readout_of
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.shared_error import error_of_camera, error_of_marks_m
-from backend.observe.targets import TEXTURE, DotTargets, GivenTargets, TagTargets, Targets, Untagged, read_targets
+from backend.observe.targets import DotTargets, TagTargets, Targets
 from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
 from backend.observe.tracking_error import TrackingError

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 
 from backend.observe.tracking_error import TrackingError
-from backend.observe.video import Video, read_index
+from backend.observe.video import Part, Video, read_index
 
 
 def stills(clip: str | Path, parts: Sequence[float], width_px: int = 640) -> tuple[tuple[float, bytes], ...]:
@@ -23,11 +23,15 @@ def stills(clip: str | Path, parts: Sequence[float], width_px: int = 640) -> tup
     return tuple(found)
 
 
-def still(clip: str | Path, part: float) -> tuple[float, bytes, tuple[int, int]]:
-    """Time [s], PNG bytes, width and height [px] of the frame at this part of a clip; no frame after it is decoded."""
-    wanted = round(part * (len(read_index(clip).times_s) - 1))
-    for frame in Video(clip):
-        if frame.index == wanted:
+def still(clip: str | Path, part: float, from_s: float = 0.0) -> tuple[float, bytes, tuple[int, int]]:
+    """Time [s], PNG bytes, width and height [px] of the frame at this part of a clip; no frame after it is decoded.
+
+    from_s: leave out what comes before, as a player shows it.
+    """
+    video = Video(clip, part=Part(from_s))
+    wanted = round(part * (video.frame_count - 1))
+    for number, frame in enumerate(video):
+        if number == wanted:
             picture = frame.bgr()
             _, png = cv2.imencode(".png", picture)
             return frame.time_s, png.tobytes(), (picture.shape[1], picture.shape[0])

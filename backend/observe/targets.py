@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from backend.observe.carried import DARK, PATCH
 from backend.observe.detect import Detections, detect, learn_whole
 from backend.observe.dots import DotLook, learn_look, learn_patch
 from backend.observe.label import label_dots
@@ -18,71 +17,8 @@ from backend.observe.track import Expected, Predictor, Tracker
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame
 
-# In place of a tag's number: nothing is stuck there; a dot without a colour; a coloured area of any shape.
-TEXTURE, DARK, PATCH = "texture", "dark", "patch"
-REACH_PX, LEAST_REACH_PX = 10, 5  # of a texture: a bar of 10 mm at 0.5 mm a pixel; fewer pixels tell no place
 TAG_RADIUS_PX = 12.0  # of the preview's circles
 SINGLE_PX = 0.02  # a sharp tag's centre (docs/kit.md)
-
-
-GivenTargets = Mapping[str, int | str] | str | Path | None
-
-
-class Untagged(NamedTuple):
-    """How markers are known that are neither tags nor coloured dots.  reach_px: how far round them a texture counts."""
-
-    way: str
-    reach_px: int = REACH_PX
-
-
-def _untagged(word: Any) -> Untagged | None:
-    """What "texture", "texture:40", "dark" or "patch" says; None for a tag."""
-    way, _, reach = str(word).partition(":")
-    if way not in (TEXTURE, DARK, PATCH):
-        return None
-    made = Untagged(way, int(reach)) if reach else Untagged(way)
-    if made.reach_px < LEAST_REACH_PX or (reach and way != TEXTURE):
-        raise ValueError(
-            f"{word!r}: a texture reaches {LEAST_REACH_PX} pixels or more, other targets have their own size"
-        )
-    return made
-
-
-def read_targets(targets: GivenTargets, markers: Sequence[str]) -> dict[str, int] | Untagged | None:
-    """Which tag each marker carries, from a JSON object or its file; None where coloured dots are followed.
-
-    Untagged where the same is said of every marker.  Raises TrackingError where a marker has no tag, or two have the
-    same.
-    """
-    if targets is None:
-        return None
-    try:
-        given = json.loads(Path(targets).read_text(encoding="utf-8")) if isinstance(targets, str | Path) else targets
-        untagged = {str(name): way for name, tag in given.items() if (way := _untagged(tag))}
-        tags = {str(name): -1 if name in untagged else int(tag) for name, tag in given.items()}
-    except (OSError, ValueError, TypeError, AttributeError) as error:
-        raise TrackingError(
-            f'Targets cannot be read ({error}); write {{"marker": tag number}}, {{"marker": "{TEXTURE}"}}, '
-            f'{{"marker": "{TEXTURE}:40"}} where 40 pixels round about count, {{"marker": "{DARK}"}} or '
-            f'{{"marker": "{PATCH}"}}.'
-        ) from error
-    if wrong := sorted(set(tags) ^ set(markers)):
-        raise TrackingError(
-            f"Targets and drawing disagree about {', '.join(wrong)}; give every marker its tag: {', '.join(markers)}."
-        )
-    ways = sorted(set(untagged.values()))
-    if len(untagged) == len(tags) and len(ways) == 1:
-        return ways[0]
-    if untagged:
-        others = "the other markers by tags" if len(untagged) < len(tags) else "not all alike"
-        named = " or ".join(sorted({said.way for said in ways}))
-        raise TrackingError(
-            f"{', '.join(untagged)} are to be followed by their {named} and {others}; a clip is measured in one way. "
-            "Put tags on these too, or follow all by texture."
-        )
-    if len(set(tags.values())) < len(tags):
-        raise TrackingError(f"Two markers carry the same tag ({tags}); give each its own.")
-    return {name: tags[name] for name in markers}
 
 
 class Targets(Protocol):

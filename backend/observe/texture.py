@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from backend.observe.carried import REACH_PX
 from backend.observe.detect import Detections
-from backend.observe.targets import REACH_PX
 from backend.observe.track import Expected, Predictor
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame

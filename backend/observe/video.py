@@ -143,7 +143,8 @@ class Video:
     Raises TrackingError for what is no video, for a clock that jumps, and for a file that ends too early (it says how
     many frames could be read) unless `keep_truncated`: then the readable frames are served and `warnings` says what
     is missing.  part: what of it counts; frames keep their numbers.  times_s: when each frame was seen [s]; a clip that
-    plays slower than it was filmed, and says so, has its times brought back.
+    plays slower than it was filmed, and says so, has its times brought back.  begins_s: of the first of them, as a
+    player shows it.  slower: how many times slower a player is than the motion was.
     """
 
     def __init__(self, path: str | Path, keep_truncated: bool = False, part: Part = WHOLE):
@@ -160,9 +161,10 @@ class Video:
         check_times(times_s, self.name)
         self.frame_count, self.truncated = len(times_s), index.truncated
         self.keep_truncated, self.promised = keep_truncated, index.promised
-        self._before = int(kept[0])
+        self._before, self.begins_s = int(kept[0]), float(shown_s[kept[0]])
         self._pace, self._of_clock = played_slower(times_s, index.captured_per_s, self.name, part.filmed_per_s)
         self.warnings += self._of_clock
+        self.slower = 1 / self._pace
         self.times_s = self._pace * times_s
         self.frames_per_s = 1 / float(np.median(np.diff(self.times_s)))
         if index.truncated:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from fastapi import Depends, Query, Request
+from fastapi import Depends, Header, Query, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from backend.service.answers import ProblemAnswer
@@ -59,6 +59,13 @@ def the_slice(
 TheService = Annotated[Service, Depends(the_service)]
 TheOwner = Annotated[str, Depends(the_owner)]
 TheSlice = Annotated[Slice, Depends(the_slice)]
+RepeatKey = Annotated[
+    str | None,
+    Header(
+        alias="Idempotency-Key", min_length=1, max_length=255, pattern=r"^[!-~]+$",
+        description="The same key with the same request gives what was made the first time, for a day.",
+    ),
+]  # fmt: skip
 
 
 def may_fail(*kinds: str) -> dict[int | str, dict[str, Any]]:

@@ -14,7 +14,7 @@ from sqlmodel import Session, SQLModel
 from backend.service import records  # noqa: F401  (registers the tables)
 
 MIGRATIONS = Path(__file__).parent / "migrations"
-HEAD = "0001"  # the latest file of migrations/versions
+HEAD = "0002"  # the latest file of migrations/versions
 LOCK = 0x11E7  # of PostgreSQL's advisory locks; one migrates, the others wait
 
 

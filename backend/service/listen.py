@@ -1,23 +1,30 @@
-"""Connections on which the head of a request does not come in time are closed.
+"""Connections that bring no head of a request are closed: in time, or when too many others wait like them.
 
-uvicorn waits for it for ever, and answers nobody else once two thousand wait.
+uvicorn waits for the head for ever, and answers nobody else once as many wait as it serves at once.
 """
 
 from __future__ import annotations
 
 import asyncio
+import resource
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+AT_ONCE = 2000  # connections; beyond, a request is answered with 503
+MOST_SILENT = 1000  # of them; one more, and the longest silent of them gives way
+OPEN_FILES = 4 * AT_ONCE
 
-def protocol(stall_s: float) -> type[HttpToolsProtocol]:
-    """HTTP as uvicorn speaks it, closing a connection that brings no whole head for so many seconds."""
+
+def protocol(stall_s: float, most_silent: int = MOST_SILENT) -> type[HttpToolsProtocol]:
+    """HTTP as uvicorn speaks it, closing a connection that brings no whole head for so many seconds.
+
+    most_silent: connections that may wait for theirs at once.
+    """
+    silent: dict[HttpToolsProtocol, asyncio.TimerHandle] = {}  # the longest silent first
 
     class Prompt(HttpToolsProtocol):
         """One connection."""
-
-        due: asyncio.TimerHandle | None = None
 
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
@@ -37,12 +44,22 @@ def protocol(stall_s: float) -> type[HttpToolsProtocol]:
             super().connection_lost(exc)
 
         def _await_head(self) -> None:
-            if self.due is None:
-                self.due = self.loop.call_later(stall_s, self.transport.close)
+            if self not in silent:
+                silent[self] = self.loop.call_later(stall_s, self.transport.close)
+            if len(silent) > most_silent:
+                longest = next(iter(silent))
+                silent.pop(longest).cancel()
+                longest.transport.close()
 
         def _forget_head(self) -> None:
-            if self.due is not None:
-                self.due.cancel()
-                self.due = None
+            if due := silent.pop(self, None):
+                due.cancel()
 
     return Prompt
+
+
+def allow_connections() -> None:
+    """Open as many files as connections may need, or as many as this machine grants."""
+    granted, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = OPEN_FILES if most == resource.RLIM_INFINITY else min(OPEN_FILES, most)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(granted, wanted), most))

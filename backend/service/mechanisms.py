@@ -17,10 +17,13 @@ from backend.service.service import Service
 from backend.service.things import delete_thing, file_of, find_thing, keep_thing
 
 DRAWING = "mechanism.json"
+MOST_TOLD = 100  # of the names that a summary tells
 PARTS = ("bodies", "joints", "effects", "markers")
 
 
-def store_mechanism(service: Service, owner: str, files: Mapping[str, Path], name: str | None = None) -> Thing:
+def store_mechanism(
+    service: Service, owner: str, files: Mapping[str, Path], name: str | None = None, repeat_key: str | None = None
+) -> Thing:
     """Check and keep a mechanism.
 
     files: path in the folder -> file on this machine; one is mechanism.json, the others its meshes.
@@ -30,15 +33,17 @@ def store_mechanism(service: Service, owner: str, files: Mapping[str, Path], nam
     if DRAWING not in taken:
         raise Problem("invalid", f"There is no {DRAWING} among the files; send it beside its meshes.")
     drawn = read_drawing(service, taken[DRAWING])
-    return keep_thing(service, owner, "mechanism", name or drawn.name, taken, summary_of(drawn, taken))
+    return keep_thing(service, owner, "mechanism", name or drawn.name, taken, summary_of(drawn, taken), repeat_key)
 
 
-def store_mechanism_document(service: Service, owner: str, text: bytes, name: str | None = None) -> Thing:
+def store_mechanism_document(
+    service: Service, owner: str, text: bytes, name: str | None = None, repeat_key: str | None = None
+) -> Thing:
     """Check and keep a mechanism.json alone, without meshes."""
     with tempfile.TemporaryDirectory(dir=service.settings.scratch) as folder:
         path = Path(folder) / DRAWING
         path.write_bytes(text)
-        return store_mechanism(service, owner, {DRAWING: path}, name)
+        return store_mechanism(service, owner, {DRAWING: path}, name, repeat_key)
 
 
 def read_drawing(service: Service, path: Path) -> Mechanism:
@@ -96,9 +101,9 @@ def summary_of(drawn: Mechanism, files: Mapping[str, Any]) -> dict[str, Any]:
         "name": drawn.name,
         "bodies": len(drawn.bodies),
         "joints": len(drawn.joints),
-        "markers": [marker.id for marker in drawn.markers][:100],
+        "markers": [marker.id for marker in drawn.markers][:MOST_TOLD],
         "effects": len(drawn.effects),
-        "missing_meshes": sorted(uris - set(files))[:100],
+        "missing_meshes": sorted(uris - set(files))[:MOST_TOLD],
     }
 
 

@@ -84,12 +84,12 @@ class Job(SQLModel, table=True):
 
 
 class Repeat(SQLModel, table=True):
-    """An Idempotency-Key and the job it made."""
+    """An Idempotency-Key and what it made: a job, or a stored thing."""
 
     owner: str = Field(primary_key=True, max_length=64)
     key: str = Field(primary_key=True, max_length=255)
     fingerprint: str = Field(max_length=64)
-    job: str = Field(max_length=36)
+    made: str = Field(max_length=36)
     created: float = Field(default_factory=time.time)
 
 

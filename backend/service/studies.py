@@ -26,7 +26,9 @@ STUDY = "study.json"
 _reading = BoundedSemaphore(1)
 
 
-def store_study(service: Service, owner: str, files: Mapping[str, Path], name: str | None = None) -> Thing:
+def store_study(
+    service: Service, owner: str, files: Mapping[str, Path], name: str | None = None, repeat_key: str | None = None
+) -> Thing:
     """Check and keep a study.
 
     files: path in the folder -> file on this machine; study.json and all that it names.  Raises Problem.
@@ -46,10 +48,12 @@ def store_study(service: Service, owner: str, files: Mapping[str, Path], name: s
         "mechanism": file.mechanism,
         "experiments": [{"id": one.id, "use": one.use} for one in study.experiments][:200],
     }
-    return keep_thing(service, owner, "study", name or study.mechanism.name, taken, summary)
+    return keep_thing(service, owner, "study", name or study.mechanism.name, taken, summary, repeat_key)
 
 
-def compose_study(service: Service, owner: str, document: Mapping[str, Any], name: str | None = None) -> Thing:
+def compose_study(
+    service: Service, owner: str, document: Mapping[str, Any], name: str | None = None, repeat_key: str | None = None
+) -> Thing:
     """Check and keep a study whose files are stored already.
 
     document: study.json, in which `mechanism` is mechanisms/ID, a video videos/ID, and a table jobs/ID/files/PATH, or
@@ -64,7 +68,7 @@ def compose_study(service: Service, owner: str, document: Mapping[str, Any], nam
         files = _gather(service, owner, told, Path(scratch))
         path = Path(scratch) / "composed.json"
         path.write_text(json.dumps(told, indent=1, ensure_ascii=False), encoding="utf-8")
-        return store_study(service, owner, {**files, STUDY: path}, name)
+        return store_study(service, owner, {**files, STUDY: path}, name, repeat_key)
 
 
 def _gather(service: Service, owner: str, told: dict[str, Any], scratch: Path) -> dict[str, Path]:

@@ -12,6 +12,7 @@ from sqlmodel import Session, col, func, select
 
 from backend.service.problems import Problem, not_found
 from backend.service.records import Account, Job, StoredFile, Thing
+from backend.service.repeats import forget, made_before, remember, stands
 from backend.service.service import Service
 from backend.service.states import FINISHED, Kind
 from backend.service.storage import Kept
@@ -30,25 +31,45 @@ class Page:
 
 
 def keep_thing(
-    service: Service, owner: str, kind: Kind, name: str, files: Mapping[str, Path], summary: dict[str, Any]
+    service: Service,
+    owner: str,
+    kind: Kind,
+    name: str,
+    files: Mapping[str, Path],
+    summary: dict[str, Any],
+    repeat_key: str | None = None,
 ) -> Thing:
-    """Store files (relative path -> file on this machine) as one thing; Problem `storage-full` beyond the quota."""
+    """Store files (relative path -> file on this machine) as one thing.
+
+    repeat_key: the same key with the same files, kind and name gives the thing made the first time.  Raises Problem:
+    `storage-full` beyond the quota, `key-reused` where the key stood for another request.
+    """
     size = sum(path.stat().st_size for path in files.values())
-    weigh(service, owner, size)
+    with service.database.reading() as session:
+        again = stands(session, owner, repeat_key)
+    if not again:  # what is there already takes no more room
+        weigh(service, owner, size)
     kept: dict[str, Kept] = {}
+    recorded = False
     try:
         for path, file in files.items():
             kept[path] = service.storage.put(file)
+        told = [kind, name, sorted((path, file.sha256) for path, file in kept.items())]
         with service.database.writing() as session:
+            locked_account(session, owner)
+            if (made := made_before(session, owner, repeat_key, told)) is not None:
+                return session.get_one(Thing, made)
             charge(service, session, owner, size)
             thing = Thing(owner=owner, kind=kind, name=name[:200], bytes=size, summary=summary)
             session.add(thing)
             session.add_all(stored(thing.id, path, file) for path, file in kept.items())
-    except BaseException:
-        for file in kept.values():
-            service.storage.drop(file.key)
-        raise
-    return thing
+            remember(session, owner, repeat_key, told, thing.id)
+        recorded = True
+        return thing
+    finally:
+        if not recorded:
+            for file in kept.values():
+                service.storage.drop(file.key)
 
 
 def stored(of: str, path: str, kept: Kept) -> StoredFile:
@@ -110,6 +131,7 @@ def delete_thing(service: Service, owner: str, kind: Kind, id: str) -> None:
         if needing := next((job for job in waiting if thing.id in job.request.values()), None):
             raise Problem("in-use", f"Job {needing.id} still needs this {kind}; wait for it, or cancel it first.")
         keys = drop_files(session, thing.id)
+        forget(session, thing.id)
         if (there := session.get(Thing, thing.id)) is not None:
             session.delete(there)
             refund(session, owner, thing.bytes)

@@ -10,7 +10,7 @@ import uvicorn
 
 from backend.service.app import create_app
 from backend.service.jobs.child import tie_to
-from backend.service.listen import protocol
+from backend.service.listen import AT_ONCE, allow_connections, protocol
 from backend.service.logs import logger, write_logs
 from backend.service.page.late import mount_late
 from backend.service.pulse import beat
@@ -23,6 +23,7 @@ def main() -> None:
     parent, pulse, descriptor = (int(word) for word in sys.argv[1:4])
     tie_to(parent)
     write_logs()
+    allow_connections()
     settings = Settings()
     beat(pulse, settings.heartbeat_s)
     service = open_service(settings)
@@ -31,7 +32,7 @@ def main() -> None:
     mount_late(app, service)
     config = uvicorn.Config(
         app, log_config=None, access_log=False, server_header=False, timeout_keep_alive=30,
-        timeout_graceful_shutdown=3, limit_concurrency=2000, backlog=1024, http=protocol(settings.stall_s),
+        timeout_graceful_shutdown=3, limit_concurrency=AT_ONCE, backlog=1024, http=protocol(settings.stall_s),
     )  # fmt: skip
     logger().info("answering", host=settings.host, port=settings.port)
     uvicorn.Server(config).run(sockets=[socket.socket(fileno=descriptor)])

@@ -1,5 +1,6 @@
 """The client against a served service: what it stores, starts, watches, cancels, brings and deletes."""
 
+import hashlib
 import inspect
 import json
 import os
@@ -23,14 +24,12 @@ from backend.service.jobs import requests
 from backend.service.keys import make_key
 from backend.service.service import open_service
 from tests.client.lossy import lossy
-from tests.service.serving import FOURBAR, ROOT, Served, serving, settings_in
+from tests.service.clips import clip
+from tests.service.serving import FOURBAR, ROOT, Served, serving, settings_in, until
 
 PENDULUM = ROOT / "samples" / "pendulum"
 STUDY = PENDULUM / "measured" / "study.json"
-# The boxes of an MP4: what it is, its index, and what was filmed.
-CLIP = b"".join((len(data) + 8).to_bytes(4) + kind + data for kind, data in (
-    (b"ftyp", b"isom\0\0\2\0isomiso2mp41"), (b"moov", b""), (b"mdat", bytes(3_000_000)),
-))  # fmt: skip
+CLIP = clip(3_000_000)
 
 
 @pytest.fixture(scope="module")
@@ -261,15 +260,43 @@ def test_a_job_is_started_once_though_the_answer_was_lost(served, address, fourb
     assert served.ledger("start", job.id) == 1
 
 
-def test_an_upload_whose_answer_was_lost_is_not_sent_again(served, address):
+def test_an_upload_whose_answer_was_lost_is_sent_again_and_stored_once(served, address):
     before = served.client.get("/api/v1/mechanisms").json()["total"]
     with lossy(address, 1500) as line, Linktwin(line.url) as there:
-        there.store_mechanism(FOURBAR)
-        with pytest.raises(ServiceProblem, match="does not answer") as found:
-            there.store_mechanism(FOURBAR)
-        assert found.value.status is None
-        assert line.connections == 1
+        first = there.store_mechanism(FOURBAR)
+        second = there.store_mechanism(FOURBAR)
+        assert line.connections == 2
+    assert first.id != second.id  # two uploads, each of a key of its own
     assert served.client.get("/api/v1/mechanisms").json()["total"] == before + 2
+
+
+@pytest.mark.parametrize(("part", "after_s"), [(0.3, 0.0), (1.0, 0.0), (1.0, 0.03)])
+def test_an_upload_outlives_the_web_process(served, there, tmp_path, part, after_s):
+    (tmp_path / "clip.mp4").write_bytes(CLIP)
+    before = served.client.get("/api/v1/videos").json()["total"]
+    (web,) = served.processes("backend.service.web")
+    killing = threading.Timer(after_s, os.kill, [web, signal.SIGKILL])
+
+    def sent(gone: float) -> None:
+        if gone >= part and not killing.is_alive() and killing.ident is None:
+            killing.start()
+            if after_s == 0.0:
+                killing.join()
+
+    thing = there.store_clip(tmp_path / "clip.mp4", sent=sent)
+    killing.join()
+    until("it answers again", lambda: served.processes("backend.service.web"))
+    assert there._line.ask("GET", "/videos").json()["total"] == before + 1
+    (file,) = there.thing("video", thing.id).files
+    assert file.sha256 == hashlib.sha256(CLIP).hexdigest()
+
+
+def test_a_program_that_asks_again_under_its_key_gets_what_it_stored(there, tmp_path):
+    first = there.store_study(STUDY, repeat_key="mine")
+    assert there.store_study(STUDY, repeat_key="mine").id == first.id  # packed anew, with other stamps
+    with pytest.raises(ServiceProblem, match="stood for another request") as found:
+        there.store_mechanism(FOURBAR, repeat_key="mine")
+    assert (found.value.status, found.value.kind) == (422, "key-reused")
 
 
 def test_a_wait_outlives_lines_that_break(address, fourbar):

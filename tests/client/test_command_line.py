@@ -10,9 +10,11 @@ from typing import Any
 
 import pytest
 
+from backend.client.packing import bed_told
 from backend.service.keys import make_key
 from backend.service.service import open_service
 from tests.report.test_pages import report as fit_report
+from tests.service.clips import clip
 from tests.service.serving import FOURBAR, ROOT, Served, serving, settings_in, until
 
 PENDULUM = ROOT / "samples" / "pendulum"
@@ -23,6 +25,11 @@ JAM = {
     "sentence": "It moves to the end.", "friction_cone_along": {"time_s": [0.0], "shortage": [None]}, "step_s": 1e-3,
     "time_s": [0.0], "mobility": [1], "small_singular_values": [1], "singular_values": [[1.0]],
     "driven_singular_value": [1.0], "creep_ratio": [1.0], "reactions": {},
+}  # fmt: skip
+
+TRACKED = {
+    "video": "swing.mp4", "frames": 16, "frames_per_s": 240.0, "metres_per_px": 5e-4, "warnings": [],
+    "markers": {"bob": {"status": {"observed": 16}, "sigma_m": 2e-5}},
 }  # fmt: skip
 
 
@@ -36,10 +43,11 @@ def served(tmp_path_factory):
         ("fit", "fit", fit_report().model_dump(mode="json")),
         ("diagnose", "gap", prepared),
         ("jam", "jam", {"experiments": {"low": JAM}}),
+        ("track", "tracking", TRACKED),
     ):
         place = reports / command / ("low" if command == "jam" else "")
         place.mkdir(parents=True)
-        (place / f"{file}.html").write_text("a page")
+        (place / ("preview.mp4" if command == "track" else f"{file}.html")).write_text("a page")
         (place / f"{file}.json").write_text(json.dumps(told))
         (reports / f"{command}.json").write_text(json.dumps(told))
     settings = settings_in(
@@ -115,6 +123,59 @@ def test_a_jam_of_a_study_is_told_by_experiment(served, tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("low: It moves to the end.")
     assert f"open      {tmp_path / 'low' / 'jam.html'}" in done.stdout
+
+
+def test_a_clip_is_tracked_there_with_all_that_the_command_takes(served, tmp_path):
+    markers = [marker["id"] for marker in json.loads((PENDULUM / "mechanism.json").read_text())["markers"]]
+    camera = {"focal_px": [900.0, 900.0]}
+    files = {
+        "bed.json": {"stick": {"a_px": [1, 2], "b_px": [300, 2], "length_m": 0.2}, "camera_height_m": 0.8},
+        "targets.json": dict.fromkeys(markers, "texture:40"),
+        "clicks.json": {markers[0]: [12.5, 80.0]},
+        "with_camera.json": {"marks": [], "camera": "lens/camera.json"},
+        "lens/camera.json": camera,
+    }  # fmt: skip
+    (tmp_path / "lens").mkdir()
+    for name, told in files.items():
+        (tmp_path / name).write_text(json.dumps(told))
+    (tmp_path / "swing.mp4").write_bytes(clip())
+    options = (
+        "--targets",
+        tmp_path / "targets.json",
+        "--clicks",
+        tmp_path / "clicks.json",
+        "--from",
+        "1.5",
+        "--to",
+        "4",
+    )
+    asked = ("track", tmp_path / "swing.mp4", "--mechanism", PENDULUM / "mechanism.json", *options)
+    done = run(
+        served,
+        *asked,
+        "--bed",
+        tmp_path / "bed.json",
+        "--filmed-at",
+        "240",
+        "--keep-truncated",
+        "--out",
+        tmp_path / "out",
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("swing.mp4: 16 frames")
+    assert f"open      {tmp_path / 'out' / 'preview.mp4'}" in done.stdout
+    (job,) = served[0].client.get("/api/v1/jobs?limit=1").json()["items"]
+    told = job["request"]
+    assert [told[field] for field in ("bed", "targets", "clicks")] == [
+        files[f"{field}.json"] for field in ("bed", "targets", "clicks")
+    ]
+    assert (told["from_s"], told["to_s"], told["filmed_per_s"], told["keep_truncated"]) == (1.5, 4.0, 240.0, True)
+    assert bed_told(tmp_path / "with_camera.json")["camera"] == camera
+    for wrong, words in ((("--cotracker", tmp_path / "weights"), "this machine"), (("--from", "9"), "not before")):
+        refused = run(served, *asked, "--bed", tmp_path / "bed.json", *wrong)
+        assert refused.returncode == 2
+        assert words in refused.stderr
+        assert "Traceback" not in refused.stderr
 
 
 def test_control_c_cancels_the_job(served, tmp_path):

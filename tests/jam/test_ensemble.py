@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.jam.ensemble import ensemble
+from backend.jam.kept import FILE
 from backend.mechanism.ensemble_report import EnsembleReport
 from backend.mechanism.read import write_mechanism
 from tests.jam.weak import DRIVE, DRY, RUN, weak_bar
@@ -54,6 +55,39 @@ def test_the_same_seed_draws_the_same_samples(found):
     assert again.shown == same.shown
     assert again.shown != other.shown
     assert again.throughput.samples_per_s is None  # one chunk: nothing is known beside its compile time
+
+
+def test_an_ensemble_that_was_cut_off_goes_on_and_ends_as_one_left_alone(found, tmp_path):
+    class Killed(Exception):
+        pass
+
+    def kill(done: int, total: int) -> None:
+        if done >= 640:
+            raise Killed
+
+    kept = tmp_path / FILE
+    with pytest.raises(Killed):
+        ensemble(weak_bar(), SPECS, 1100, **RUN, seed=1, checkpoint=kept, progress=kill)
+    lines = kept.read_text().splitlines()
+    assert len(lines) == 1 + 10
+    kept.write_text("\n".join(lines[:-1]) + "\n" + lines[-1][:40])  # the last one was cut off as it was written
+    for other, words in (
+        ({"seed": 2}, "belongs to other samples"),
+        ({"checkpoint": tmp_path / "none"}, "does not exist"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            ensemble(weak_bar(), SPECS, 1100, **{**RUN, "seed": 1, "checkpoint": kept, "resume": True, **other})
+    told = []
+    again = ensemble(
+        weak_bar(), SPECS, 1100, **RUN, seed=1, checkpoint=kept, resume=True, progress=lambda done, _: told.append(done)
+    )
+    assert told[0] == 10 * 64
+    assert not kept.exists()
+    assert again.report.throughput.chunks == 18 - 9
+    whole = found.report.model_dump(exclude={"throughput"})
+    assert again.report.model_dump(exclude={"throughput"}) == whole
+    for name in ("jammed", "rests", "onset_s", "lost"):
+        np.testing.assert_array_equal(getattr(again.verdicts, name), getattr(found.verdicts, name))
 
 
 def test_throughput_leaves_the_first_chunk_out(found):

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backend.observe.carried import Untagged, read_targets
 from backend.observe.measure import track_video
-from backend.observe.targets import Untagged, read_targets
 from backend.observe.tracking_error import TrackingError
 from benchmarks.filming.clips import Clip, bed
 from benchmarks.filming.scene import Scene

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.observe.measure import track_video
+from backend.observe.stills import still
 from backend.observe.timestamps import check_times
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Part, Video
@@ -295,6 +296,9 @@ def test_a_part_of_slow_motion_that_notes_no_rate_is_read_with_its_true_times(fo
     assert np.abs(np.array([f.time_s for f in part]) - np.arange(15, 31) / 240).max() < 1e-5
     with pytest.raises(TrackingError, match=r"lasts 1\.97 s; 0 of its frames"):
         Video(slow, part=Part(from_s=5))
+    begun = Video(slow, part=Part(from_s=0.49, filmed_per_s=240))
+    assert (begun.begins_s, begun.slower) == pytest.approx((0.5, 8.0), abs=1e-4)
+    assert still(slow, 0.0, from_s=0.49)[0] == pytest.approx(0.5, abs=1e-4)
 
 
 def test_a_part_of_a_clip_is_tracked_by_command(four_dots, tmp_path):

@@ -24,10 +24,10 @@ JSON = {"content-type": "application/json"}
 
 
 @contextmanager
-def asking(service: Service) -> Iterator[httpx.Client]:
-    """A client of the service's application."""
+def asking(service: Service, **speaking: Any) -> Iterator[httpx.Client]:
+    """A client of the service's application; speaking: of the protocol."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
-        speaks = protocol(service.settings.stall_s)
+        speaks = protocol(service.settings.stall_s, **speaking)
         server = uvicorn.Server(uvicorn.Config(create_app(service), log_config=None, access_log=False, http=speaks))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
         thread.start()

@@ -11,6 +11,7 @@ from sqlalchemy import inspect, text
 from sqlmodel import SQLModel
 
 from backend.service.database import HEAD, MIGRATIONS, Database
+from backend.service.records import Repeat
 
 
 @pytest.fixture
@@ -47,6 +48,20 @@ def test_a_database_of_either_way_needs_nothing_more(made, upgraded):
         assert _tables(database) == before
         with database.engine.connect() as connection:
             assert connection.execute(text("SELECT version_num FROM alembic_version")).scalars().all() == [HEAD]
+
+
+def test_keys_that_made_a_job_still_stand_for_it_after_an_upgrade(tmp_path):
+    database = Database(f"sqlite:///{tmp_path / 'old.sqlite'}")
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    with database.engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.upgrade(config, "0001")
+        connection.execute(text("INSERT INTO repeat VALUES ('ada', 'k', 'f', 'the job', 0)"))
+    database.migrate()
+    with database.reading() as session:
+        assert session.get_one(Repeat, ("ada", "k")).made == "the job"
+    database.close()
 
 
 def _tables(database: Database) -> dict:

@@ -8,6 +8,7 @@ import struct
 import threading
 import time
 import zipfile
+from contextlib import ExitStack
 from urllib.parse import urlsplit
 
 import httpx
@@ -15,7 +16,8 @@ import pytest
 
 from backend.mechanism.study import ExperimentFile
 from tests.service.asked import refused
-from tests.service.conftest import JSON
+from tests.service.clips import box
+from tests.service.conftest import JSON, asking
 from tests.service.serving import FOURBAR, events
 from tests.service.test_routes import STUDY, TRACKS, store_zip, zipped
 
@@ -35,10 +37,6 @@ def alive_and_not_swollen(client):
 
 def drawing_of(**changes) -> bytes:
     return json.dumps({**json.loads(FOURBAR.read_text()), **changes}).encode()
-
-
-def box(kind: bytes, content: bytes = b"") -> bytes:
-    return struct.pack(">I4s", 8 + len(content), kind) + content
 
 
 def packed_as(path: str, content: bytes, attributes: int = 0) -> bytes:
@@ -277,6 +275,21 @@ def test_a_connection_that_brings_no_request_is_closed(opened, sent):
         while part := line.recv(65536):
             answered += part
     assert (b"200 OK" in answered) == (WHOLE in sent)
+
+
+def test_the_longest_silent_connection_gives_way_to_one_more(opened):
+    service, _ = opened()
+    with asking(service, most_silent=20) as client, ExitStack() as stack:
+        address = urlsplit(str(client.base_url))
+
+        def silent() -> socket.socket:
+            return stack.enter_context(socket.create_connection((address.hostname, address.port), timeout=20))
+
+        first, lines = silent(), [silent() for _ in range(30)]
+        assert first.recv(1) == b""
+        assert client.get("/health").status_code == 200  # and holds a connection open since
+        lines[-1].sendall(WHOLE)  # the youngest were let be
+        assert lines[-1].recv(100).startswith(b"HTTP/1.1 200")
 
 
 def test_a_stream_of_events_may_last_longer_than_a_head_may_take(opened):

@@ -7,6 +7,7 @@ import pytest
 
 from backend.mechanism.read import read_mechanism
 from backend.service.page.access import share_token, shared_job
+from backend.service.page.clip_view import STICK, asked_for, ready, sentences
 from backend.service.page.runs import kind_of, released
 from backend.service.page.stage import on_stage, plane_of_motion
 from backend.service.problems import Problem
@@ -66,6 +67,56 @@ def test_the_plane_of_motion_is_seen(sample, plane):
         return
     assert normal is not None
     np.testing.assert_allclose(np.abs(normal), {"xz": [0, 1, 0], "xy": [0, 0, 1]}[plane], atol=1e-9)  # as drawn
+
+
+CORNERS = {"A": (0, 0, 10, 200), "B": (200, 0, 410, 200), "C": (200, 100, 410, 100), "D": (0, 100, 10, 100)}
+
+
+def pointed(marks="", ends=0, **typed):
+    """What the view of a clip was given: so many marks and ends placed, and what was typed."""
+    seen = [
+        {"id": id, "x_mm": x, "y_mm": y, "x_px": u if id in marks else None, "y_px": v if id in marks else None}
+        for id, (x, y, u, v) in CORNERS.items()
+    ]
+    stick = [{"id": id, "x_px": 5.0 + 100 * k if k < ends else None, "y_px": 7.0} for k, id in enumerate(STICK)]
+    points = {"marks": seen, "stick": stick, "dots": [{"id": "bob", "x_px": 3.0, "y_px": 4.0}]}
+    return {"points": points, "plane": "xz", "way": "", "markers": ["middle", "bob"], **typed}
+
+
+def test_what_was_pointed_out_becomes_the_job_that_was_meant():
+    id = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
+    assert not ready(pointed("ABC")["points"])
+    assert not ready(pointed("ABC", ends=1)["points"])
+    for given in (pointed("ABCD"), pointed(ends=2)):
+        assert ready(given["points"])
+    plain = asked_for(id, id, pointed("ABCD", height="2.5"))
+    assert plain.bed["marks"][1] == {"id": "B", "x_m": 0.2, "y_m": 0.0, "x_px": 410, "y_px": 200}
+    assert (plain.bed["marker_height_m"], plain.targets, plain.from_s, plain.to_s) == (0.0025, None, 0.0, None)
+    typed = {"way": "texture", "reach": "40", "from": "1.5", "to": "4", "rate": "240", "length": "500"}
+    part = asked_for(id, id, pointed(ends=2, **typed))
+    assert part.bed["stick"] == {"a_px": (5.0, 7.0), "b_px": (105.0, 7.0), "length_m": 0.5, "origin_px": None}
+    assert part.bed["plane"]["y_axis"] == (0.0, 0.0, 1.0)
+    assert part.targets == {"middle": "texture:40", "bob": "texture:40"}
+    assert part.clicks == {"bob": (3.0, 4.0)}
+    assert (part.from_s, part.to_s, part.filmed_per_s) == (1.5, 4.0, 240.0)
+    assert asked_for(id, id, pointed("ABCD", way="dark")).targets == {"middle": "dark", "bob": "dark"}
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (pointed(ends=2), "Type how long"),
+        (pointed(ends=2, length="0"), "greater than 0"),
+        (pointed("ABCD", **{"from": "4", "to": "2"}), "not before"),
+        (pointed("ABCD", way="texture", reach="2"), "5 pixels or more"),
+        (pointed(ends=2, length="940", focal="900"), "stands in for marks"),
+    ],
+)
+def test_what_cannot_be_meant_is_said_in_a_sentence(given, says):
+    id = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
+    with pytest.raises(ValueError, match=says) as found:
+        asked_for(id, id, given)
+    assert "validation error" not in " ".join(sentences(found.value))
 
 
 def test_a_mesh_that_was_not_sent_is_not_asked_for():

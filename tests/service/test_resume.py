@@ -1,13 +1,17 @@
-"""A real fit whose worker is killed goes on from its last accepted step, ends once, and ends where it would have."""
+"""Real work whose worker is killed goes on from its last step or chunk, ends once, and ends where it would have."""
 
 import json
+import math
 import os
 import signal
 from pathlib import Path
 
+from backend.jam.ensemble import ensemble
+from backend.mechanism.read import write_mechanism
 from backend.service.service import open_service
 from backend.service.settings import Settings
 from backend.service.things import CHECKPOINT, files_of
+from tests.jam.weak import DRIVE, DRY, RUN, weak_bar
 from tests.service.serving import pendulum, serving, settings_in, until
 
 
@@ -40,6 +44,33 @@ def test_a_real_fit_whose_worker_is_killed_goes_on_where_it_was(tmp_path):
         assert abs(one["value"] - other["value"]) < 0.01 * one["sd"]
         assert abs(one["sd"] / other["sd"] - 1) < 1e-3
         records.close()
+
+
+def test_a_real_ensemble_whose_worker_is_killed_keeps_its_finished_chunks(tmp_path):
+    settings = settings_in(tmp_path, workers=1, checkpoint_s=0.1, job_command=Settings().job_command)
+    specs, samples = [f"{DRIVE}=uniform(0.005,0.015)", f"{DRY}=uniform(0.005,0.015)"], 1500
+    write_mechanism(weak_bar(), tmp_path / "weak.json")
+    with serving(tmp_path, settings) as served:
+        records = open_service(settings)
+        asked = {"kind": "jam", "mechanism": served.store(tmp_path / "weak.json"), "samples": samples, "vary": specs}
+        cut = served.ask({**asked, "duration_s": RUN["duration_s"], "step_s": RUN["step_s"]})
+
+        def kept() -> int:
+            files = [file for file in files_of(records, CHECKPOINT + cut) if file.path == "jam.kept.jsonl"]
+            return len(records.storage.read(files[0].key).splitlines()) - 1 if files else 0
+
+        until("some chunks are kept", lambda: kept() >= 3)
+        (worker,) = served.processes("backend.service.jobs")
+        os.kill(worker, signal.SIGKILL)
+        before = kept()
+        job = served.finished(cut)
+        assert (job["state"], job["attempt"]) == ("succeeded", 2), job
+        report = served.client.get(f"/api/v1/jobs/{cut}/result").json()["report"]
+        records.close()
+    assert report.pop("throughput")["chunks"] <= math.ceil(samples / 64) - before  # the others were not done again
+    alone = ensemble(weak_bar(), specs, samples, **RUN).report.model_dump(mode="json")
+    del alone["throughput"]
+    assert report == alone
 
 
 def _command_after(served, killed: int, id: str) -> list[str] | None:

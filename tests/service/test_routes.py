@@ -6,10 +6,15 @@ import json
 import subprocess
 import sys
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from pydantic import TypeAdapter
 
+from backend.service.jobs.requests import JobRequest
+from backend.service.routes.jobs import MARKS
 from tests.service.asked import refused
+from tests.service.clips import clip
 from tests.service.conftest import JSON
 from tests.service.serving import FOURBAR, ROOT
 
@@ -87,6 +92,45 @@ def test_a_table_that_names_an_unknown_marker_is_refused_with_its_row(client):
     document = refused(store_zip(client, "studies", folder), 422, "invalid")
     assert any("e1.csv" in fault and "row 2" in fault and '"Q"' in fault for fault in document["errors"])
     assert "/tmp" not in json.dumps(document)
+
+
+def test_an_upload_under_the_same_key_is_stored_once(opened):
+    service, client = opened(stored_bytes_per_owner=20_000)
+    key, drawing = (
+        {"idempotency-key": "k"},
+        {"fourbar/mechanism.json": FOURBAR.read_bytes(), "fourbar/meshes/crank.stl": STL},
+    )
+    zip_kind = {"content-type": "application/zip", **key}
+
+    packed = zipped(drawing)
+
+    def send(content=packed, headers=zip_kind, **more):
+        return client.post("/api/v1/mechanisms", content=content, headers=headers, **more)
+
+    with ThreadPoolExecutor() as several:  # a client asks again while its first request is still at work
+        answers = [one.result() for one in [several.submit(send) for _ in range(4)]]
+    assert {answer.status_code for answer in answers} == {201}
+    assert len({answer.headers["location"] for answer in answers}) == 1
+    assert client.get("/api/v1/mechanisms").json()["total"] == 1
+    assert len(list(service.storage.written())) == 2  # nothing is left of the repeated ones
+    parts = [("files", ("mechanism.json", FOURBAR.read_bytes())), ("files", ("meshes/crank.stl", STL))]
+    assert client.post("/api/v1/mechanisms", files=parts, headers=key).json() == answers[0].json()  # the same folder
+    for other in (
+        send(FOURBAR.read_bytes(), {**JSON, **key}),
+        send(params={"name": "another"}),
+        client.put("/api/v1/videos", content=clip(), headers=key),
+        client.post("/api/v1/jobs", json={"kind": "simulate", "mechanism": answers[0].json()["id"]}, headers=key),
+    ):
+        refused(other, 422, "key-reused")
+    assert len(list(service.storage.written())) == 2
+    big = client.put("/api/v1/videos", content=clip(8000), headers={"idempotency-key": "v"})
+    assert big.status_code == 201, big.text
+    refused(client.put("/api/v1/videos", content=clip(8000)), 507, "storage-full")
+    again = client.put("/api/v1/videos", content=clip(8000), headers={"idempotency-key": "v"})
+    assert again.json() == big.json()  # it takes no more room
+    client.delete(big.headers["location"])
+    anew = client.put("/api/v1/videos", content=clip(8000), headers={"idempotency-key": "v"})
+    assert (anew.status_code, anew.json()["id"] == big.json()["id"]) == (201, False)
 
 
 def test_lists_come_in_slices_newest_first(client):
@@ -210,7 +254,9 @@ def test_the_schema_is_openapi_3_1_with_examples(client):
     schema = client.get("/api/v1/openapi.json").json()
     assert schema["openapi"].startswith("3.1")
     body = schema["paths"]["/api/v1/jobs"]["post"]["requestBody"]["content"]["application/json"]
-    assert set(body["examples"]) == {"simulate", "jam", "fit", "diagnose", "track"}
+    assert set(body["examples"]) >= {"simulate", "jam", "fit", "diagnose", "track"}
+    for example in body["examples"].values():
+        TypeAdapter(JobRequest).validate_python(example["value"])
     for path, methods in schema["paths"].items():
         for method, told in methods.items():
             codes = set(told["responses"])
@@ -228,9 +274,53 @@ def test_the_web_process_loads_no_solver_no_vision_no_cad_and_no_queue():
     assert done.stdout.split() == []
 
 
+STICK = {"stick": {"a_px": [20, 300], "b_px": [620, 300], "length_m": 0.94}}
+
+
+def test_a_clip_is_tracked_with_all_that_the_command_takes(client, drawing):
+    video = client.put("/api/v1/videos", content=clip()).json()["id"]
+    markers = client.get(f"/api/v1/mechanisms/{drawing}").json()["summary"]["markers"]
+    asked = {
+        "kind": "track",
+        "video": video,
+        "mechanism": drawing,
+        "bed": STICK,
+        "from_s": 1.5,
+        "to_s": 4,
+        "filmed_per_s": 240,
+    }
+    for way in ("dark", "patch", "texture", "texture:40"):
+        answer = client.post("/api/v1/jobs", json={**asked, "targets": dict.fromkeys(markers, way)})
+        assert answer.status_code == 202, answer.text
+        assert answer.json()["request"]["bed"] == STICK
+    tags = {marker: number for number, marker in enumerate(markers)}
+    assert client.post("/api/v1/jobs", json={**asked, "bed": MARKS, "targets": tags}).status_code == 202
+    for wrong, says in [
+        ({"bed": []}, "0 bed marks are given"),
+        ({"bed": {"marks": MARKS, **STICK}}, "a stick stands in for marks"),
+        ({"bed": {"stick": {**STICK["stick"], "length_m": -1}}}, "stick.length_m"),
+        ({"bed": {**STICK, "colour": 1}}, "colour"),
+        ({"bed": {"marks": MARKS, "camera": "/etc/passwd"}}, "give what stands in it"),
+        ({"bed": [{**mark, "x_m": 1.7e308 * (1 + mark["y_m"] / 20)} for mark in MARKS]}, "cannot be reckoned with"),
+        ({"bed": [{**MARKS[0], "id": str(k)} for k in range(1001)]}, "1001 marks are above 1000"),
+        ({"targets": dict.fromkeys(markers, "dotted")}, "targets"),
+        ({"targets": dict.fromkeys(markers, "texture:2")}, "5 pixels or more"),
+        ({"targets": {markers[0]: "dark", markers[1]: 3}}, "measured in one way"),
+        ({"targets": dict.fromkeys(markers, 3)}, "the same tag"),
+        ({"targets": {markers[0]: True}}, "targets"),
+        ({"targets": dict.fromkeys(markers[1:], "dark")}, markers[0]),
+        ({"clicks": {"nobody": [1, 2]}}, "Clicks name nobody"),
+        ({"from_s": -1}, "from_s"),
+        ({"from_s": 4.0}, "not before to_s"),
+        ({"filmed_per_s": 0}, "filmed_per_s"),
+    ]:
+        document = refused(client.post("/api/v1/jobs", json={**asked, **wrong}), 422, "invalid")
+        assert says in " ".join([document["detail"], *document.get("errors", [])]), document
+
+
 def test_clicks_may_be_left_empty_and_are_counted(client, drawing):
     nobody = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
-    asked = {"kind": "track", "video": nobody, "mechanism": drawing, "bed": [], "clicks": None}
+    asked = {"kind": "track", "video": nobody, "mechanism": drawing, "bed": MARKS, "clicks": None}
     assert client.post("/api/v1/jobs", json=asked).status_code == 404  # no such clip; the request itself is sound
     many = {f"m{k}": (1.0, 2.0) for k in range(1001)}
     assert client.post("/api/v1/jobs", json={**asked, "clicks": many}).status_code == 422

@@ -3,10 +3,12 @@
 import json
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from backend.service.jobs.command import arguments
 from backend.service.jobs.desk import cancel_job, find_job, job_files, job_report, list_jobs, start_job
 from backend.service.jobs.holding import HeldElsewhere, claim, finish, lost
 from backend.service.jobs.requests import FitRequest, SimulateRequest, TrackRequest
@@ -15,12 +17,14 @@ from backend.service.mechanisms import store_mechanism_document
 from backend.service.problems import Problem
 from backend.service.records import Job, Worker
 from backend.service.retention import tidy_up
+from backend.service.routes.jobs import MARKS
 from backend.service.service import LOCAL, open_service
 from backend.service.settings import Settings
 from backend.service.storage import Storage
 from backend.service.studies import store_study
 from backend.service.things import delete_thing, files_of, list_things
 from backend.service.videos import store_video
+from tests.service.clips import clip
 from tests.service.serving import FOURBAR, settings_in, until
 from tests.service.test_routes import STUDY, TRACKS
 
@@ -52,13 +56,33 @@ def test_a_clip_is_tracked_by_the_same_command_as_on_the_command_line(opened, tm
     service = opened(job_command=Settings().job_command)
     video = store_video(service, LOCAL, clip.path)
     drawing = store_mechanism_document(service, LOCAL, clip.mechanism.model_dump_json().encode())
-    asked = TrackRequest(kind="track", video=video.id, mechanism=drawing.id, bed=clip.bed)
+    part = {"from_s": 3.5 / 240, "filmed_per_s": 480.0}  # without the first four pictures, twice as fast as it plays
+    asked = TrackRequest(kind="track", video=video.id, mechanism=drawing.id, bed=clip.bed, **part)
     job = done(service, start_job(service, LOCAL, asked))
     assert job.state == "succeeded", job.message
     assert {"tracks.csv", "preview.mp4", "report.json"} <= {file.path for file in job_files(service, LOCAL, job.id)}
-    told = json.dumps(job_report(service, LOCAL, job.id))
+    report = job_report(service, LOCAL, job.id)
+    assert (report["frames"], round(report["frames_per_s"]), round(report["slower"])) == (16, 480, 2)
+    assert report["begins_s"] == pytest.approx(4 / 240, abs=1e-4)  # stamps are rounded
+    told = json.dumps(report)
     assert str(tmp_path) not in told  # nothing of this machine's folders
     assert job.words  # the command told of its progress
+
+
+def test_what_markers_carry_reaches_the_command(opened, tmp_path):
+    service = opened()
+    drawing = store_mechanism_document(service, LOCAL, FOURBAR.read_bytes())
+    (tmp_path / "clip").write_bytes(clip())
+    video = store_video(service, LOCAL, tmp_path / "clip")
+    targets = dict.fromkeys(drawing.summary["markers"], "texture:40")
+    asked = TrackRequest(kind="track", video=video.id, mechanism=drawing.id, bed=MARKS, targets=targets, to_s=2.5)
+    job = start_job(service, LOCAL, asked)
+    words = arguments(service, job.request, tmp_path, tmp_path / "out", resume=False)
+    options = dict(word.partition("=")[::2] for word in words)
+    assert json.loads(Path(options["--targets"]).read_text()) == targets
+    assert json.loads(Path(options["--bed"]).read_text()) == MARKS
+    assert (options["--from"], options["--to"]) == ("0.0", "2.5")
+    assert not {"--clicks", "--filmed-at"} & set(options)
 
 
 def test_a_study_that_cannot_be_fitted_fails_with_the_commands_own_sentence(opened, tmp_path):

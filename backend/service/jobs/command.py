@@ -13,7 +13,7 @@ from backend.service.service import Service
 from backend.service.studies import STUDY
 from backend.service.things import files_of
 
-CHECKPOINTS = ("fit.checkpoint.json", "diagnosis.kept.jsonl")
+CHECKPOINTS = ("fit.checkpoint.json", "diagnosis.kept.jsonl", "jam.kept.jsonl")
 WATCHED = "watching.jpg"  # what `linktwin track` is looking at
 
 
@@ -38,7 +38,8 @@ def _jam(service: Service, request: dict[str, Any], inputs: Path, resume: bool) 
     else:
         subject = _bring(service, request["mechanism"], inputs / "mechanism") / DRAWING
     options = _options(request, duration_s="duration", step_s="step", samples="samples", seed="seed")
-    return ["jam", str(subject), *options, *(f"--vary={spec}" for spec in request["vary"])]
+    options += [f"--vary={spec}" for spec in request["vary"]]
+    return ["jam", str(subject), *options, *_flags(resume=resume)]
 
 
 def _fit(service: Service, request: dict[str, Any], inputs: Path, resume: bool) -> list[str]:
@@ -58,13 +59,13 @@ def _track(service: Service, request: dict[str, Any], inputs: Path, resume: bool
     clip = _bring(service, request["video"], inputs / "video")
     drawing = _bring(service, request["mechanism"], inputs / "mechanism") / DRAWING
     (film,) = clip.iterdir()
-    bed = inputs / "bed.json"
-    bed.write_text(json.dumps(request["bed"]), encoding="utf-8")
-    options = [f"--mechanism={drawing}", f"--bed={bed}"]
-    if request.get("clicks"):
-        clicks = inputs / "clicks.json"
-        clicks.write_text(json.dumps(request["clicks"]), encoding="utf-8")
-        options.append(f"--clicks={clicks}")
+    options = [f"--mechanism={drawing}"]
+    for field in ("bed", "clicks", "targets"):
+        if request.get(field):
+            path = inputs / f"{field}.json"
+            path.write_text(json.dumps(request[field]), encoding="utf-8")
+            options.append(f"--{field}={path}")
+    options += _options(request, from_s="from", to_s="to", filmed_per_s="filmed-at")
     return ["track", str(film), *options, *_flags(keep_truncated=request["keep_truncated"])]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import json
 import time
 from collections.abc import AsyncIterator
@@ -12,9 +11,13 @@ from typing import Any
 
 from sqlmodel import Session, col, func, select, update
 
+from backend.observe.carried import read_targets
+from backend.observe.tracking_error import TrackingError
 from backend.service.jobs.requests import DiagnoseRequest, FitRequest, JamRequest, SimulateRequest, TrackRequest
+from backend.service.mechanisms import MOST_TOLD
 from backend.service.problems import Problem, not_found
-from backend.service.records import Job, Repeat, StoredFile, Thing
+from backend.service.records import Job, StoredFile, Thing
+from backend.service.repeats import forget, made_before, remember
 from backend.service.service import Service
 from backend.service.states import FINISHED, Kind
 from backend.service.things import Page, drop_files, file_of, files_of, locked_account, page, refund
@@ -42,21 +45,21 @@ def start_job(service: Service, owner: str, request: AnyRequest, repeat_key: str
     not the owner's, too many jobs at once, a key that stood for another request.
     """
     told = request.model_dump(mode="json")
-    fingerprint = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
     with service.database.writing() as session:
         locked_account(session, owner)
-        if repeat_key is not None and (known := session.get(Repeat, (owner, repeat_key))) is not None:
-            return _repeated(session, known, fingerprint)
+        if (made := made_before(session, owner, repeat_key, told)) is not None:
+            return session.get_one(Job, made)
         for field, kind in INPUTS.items():
             if (id := told.get(field)) is not None:
                 thing = session.get(Thing, id)
                 if thing is None or thing.owner != owner or thing.kind != kind:
                     raise not_found(kind, id)
+                if isinstance(request, TrackRequest) and kind == "mechanism":
+                    _refuse_unknown_markers(request, thing.summary["markers"])
         _refuse_too_many(service, session, owner)
         job = Job(owner=owner, kind=request.kind, request=told)
         session.add(job)
-        if repeat_key is not None:
-            session.add(Repeat(owner=owner, key=repeat_key, fingerprint=fingerprint, job=job.id))
+        remember(session, owner, repeat_key, told, job.id)
     return job
 
 
@@ -100,8 +103,7 @@ def forget_job(service: Service, job: Job) -> None:
     """Drop a finished job's record, files and Idempotency-Key."""
     with service.database.writing() as session:
         keys = drop_files(session, job.id)
-        for repeat in session.exec(select(Repeat).where(Repeat.job == job.id)):
-            session.delete(repeat)
+        forget(session, job.id)
         if (there := session.get(Job, job.id)) is not None:
             session.delete(there)
             refund(session, job.owner, there.bytes)
@@ -155,13 +157,17 @@ def job_report(service: Service, owner: str, id: str) -> dict[str, Any]:
     raise Problem("no-result", job.message or f"The job ended as {job.state} and wrote no report.")
 
 
-def _repeated(session: Session, known: Repeat, fingerprint: str) -> Job:
-    if known.fingerprint != fingerprint:
-        raise Problem("key-reused", "This Idempotency-Key stood for another request; take a new key for a new request.")
-    job = session.get(Job, known.job)
-    if job is None:
-        raise not_found("job", known.job)
-    return job
+def _refuse_unknown_markers(request: TrackRequest, markers: list[str]) -> None:
+    if len(markers) == MOST_TOLD:  # there may be more of them: the command itself will say
+        return
+    try:
+        read_targets(request.targets, markers)
+    except TrackingError as error:
+        raise Problem("invalid", str(error)) from None
+    if strangers := sorted(set(request.clicks or {}) - set(markers)):
+        raise Problem(
+            "invalid", f"Clicks name {', '.join(strangers)[:500]}; the drawing has {', '.join(markers) or 'no marker'}."
+        )
 
 
 def _refuse_too_many(service: Service, session: Session, owner: str) -> None:

@@ -6,9 +6,14 @@ import json
 from typing import Annotated, Any, Literal
 from uuid import UUID
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from backend.observe.bed import read_bed
+from backend.observe.carried import read_targets
+
 MOST_STEPS = 2_000_000
+MOST_MARKS = 1000
 
 
 def _printable(value: str) -> str:
@@ -25,8 +30,30 @@ def _writable(value: Any) -> Any:
     return value
 
 
+def _bed(value: Any) -> Any:
+    """A bed as `linktwin track` reads it from a file; refused with the tracker's own sentence."""
+    told = value if isinstance(value, dict) else {"marks": value}
+    if isinstance(told.get("camera"), str):
+        raise ValueError("camera names a file; give what stands in it, as linktwin calibrate wrote it")
+    for of in ("marks", "tags"):
+        if isinstance(told.get(of), list) and len(told[of]) > MOST_MARKS:
+            raise ValueError(f"{len(told[of])} {of} are above {MOST_MARKS}; leave some out")
+    try:
+        with np.errstate(all="ignore"):
+            read_bed(value)
+    except np.linalg.LinAlgError:
+        raise ValueError("the marks' places cannot be reckoned with; give metres and pixels") from None
+    return value
+
+
+def _targets(value: dict[str, Any] | None) -> dict[str, Any] | None:
+    read_targets(value, list(value or {}))  # whether these are the drawing's markers is seen when it is known
+    return value
+
+
 Seconds = Annotated[float, Field(gt=0.0, le=3600.0)]
 Step = Annotated[float, Field(ge=1e-6, le=0.1)]
+Tag = Annotated[int, Field(ge=0, le=10**6, strict=True)]
 Line = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
 
 
@@ -110,14 +137,42 @@ class TrackRequest(Request):
     bed: Annotated[
         dict[str, Any] | list[Any],
         AfterValidator(_writable),
-        Field(description="Marks on the bed, in metres and pixels."),
+        AfterValidator(_bed),
+        Field(
+            description="What a bed file holds: marks, in metres and pixels, or tags, or a stick where one length is "
+            "known; plane, lens or camera, heights."
+        ),
     ]
     clicks: Annotated[
         Annotated[dict[str, tuple[float, float]], Field(max_length=1000)] | None,
         AfterValidator(_writable),
-        Field(description="Marker to pixel (x, y) in the first frame."),
+        Field(description="Marker to pixel (x, y) in the first frame that is followed."),
     ] = None
+    targets: Annotated[
+        Annotated[dict[str, Tag | Annotated[str, Field(max_length=40)]], Field(max_length=1000)] | None,
+        AfterValidator(_writable),
+        AfterValidator(_targets),
+        Field(
+            description="Marker to the tag that it carries in place of a coloured dot; or the same of every marker: "
+            "`dark` (a dot without a colour), `patch` (a coloured area of any shape), `texture` or `texture:40` "
+            "(nothing is stuck there; 40 pixels round about count)."
+        ),
+    ] = None
+    from_s: Annotated[float, Field(ge=0.0, le=1e6, description="Where to begin, as a player shows it.")] = 0.0
+    to_s: Annotated[float, Field(ge=0.0, le=1e6, description="Where to end, as a player shows it.")] | None = None
+    filmed_per_s: (
+        Annotated[
+            float, Field(ge=1.0, le=1e6, description="Frames a second of slow motion that does not note its rate.")
+        ]
+        | None
+    ) = None
     keep_truncated: bool = False
+
+    @model_validator(mode="after")
+    def _some_part(self) -> TrackRequest:
+        if self.to_s is not None and self.to_s <= self.from_s:
+            raise ValueError(f"from_s {self.from_s:g} is not before to_s {self.to_s:g}; give a part of the clip")
+        return self
 
 
 JobRequest = Annotated[

@@ -1,10 +1,11 @@
-"""One clip: marks on the bed and, where it is doubtful, dots are pointed out in its first frame; then it is tracked."""
+"""One clip: what is known is pointed out in its first frame (marks, a length, doubtful dots); then it is tracked."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from nicegui import ui
+from pydantic import ValidationError
 
 from backend.service.jobs.desk import start_job
 from backend.service.jobs.requests import TrackRequest
@@ -19,6 +20,13 @@ from backend.service.service import Service
 from backend.service.things import find_thing
 
 LEAST = 4  # marks fix a plane
+WAYS = {
+    "": "coloured dots on white rings",
+    "dark": "dots without a colour",
+    "patch": "coloured areas of any shape",
+    "texture": "nothing: follow the surface itself",
+}
+STICK = ("one end", "other end", "origin")  # of the known length, and of the plane's coordinates
 PLANES = {
     "xy": ("lying flat: bed x is world x, bed y is world y", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
     "xz": ("upright: bed x is world x, bed y is world z", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
@@ -37,7 +45,11 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
         for name, (x, y) in zip("ABCD", corners, strict=True)
     ]
     dots = [{"id": marker.id, "x_px": None, "y_px": None} for marker in mechanism.markers]
-    given: dict[str, Any] = {"points": {"marks": marks, "dots": dots}, "plane": _plane(mechanism), "tags": False}
+    stick = [{"id": name, "x_px": None, "y_px": None} for name in STICK]
+    given: dict[str, Any] = {
+        "points": {"marks": marks, "stick": stick, "dots": dots}, "plane": _plane(mechanism), "way": "",
+        "markers": [marker.id for marker in mechanism.markers],
+    }  # fmt: skip
     trail = [("Mechanisms", "/"), (thing.name, f"/mechanisms/{id}"), ("Measure", f"/mechanisms/{id}/measure")]
     with view(clip.name, trail, now="/"):
         with tag("div", look="headline"):
@@ -45,7 +57,8 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
                 tag("h1", f"Where things are in {clip.name}")
                 tag(
                     "p",
-                    "Its first frame. Click on four known points of the bed; the tracker finds the dots by itself.",
+                    "The first frame to follow. Click on four known points of the bed, or on the ends of one known "
+                    "length; the tracker finds the dots by itself.",
                     "soft",
                 )
             with tag("div", look="actions"):
@@ -54,10 +67,35 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
 
         def told(points: dict[str, Any]) -> None:
             given["points"] = points
-            ready = sum(_placed(mark) for mark in points["marks"]) >= LEAST
-            enable(go, ready)
+            enable(go, ready(points))
 
-        Pointing(f"{ROOT}/frames/{video}.png", marks, dots, told)
+        def begin(text: str) -> None:
+            given["from"] = text
+            pointing.show(_frame(video, text))
+
+        pointing = Pointing(_frame(video, ""), marks, stick, dots, told)
+        tag("h2", "What is followed")
+        with tag("div", look="fields"):
+            choice("what shows a marker", list(WAYS.items()), "", lambda way: given.update(way=way))
+            field(
+                "of a surface: pixels round about", "10", lambda t: given.update(reach=t), "number", min="5", step="1"
+            )
+            field("from [s], as a player shows it", "", begin, "number", "change", min="0", step="any")
+            field("to [s]", "", lambda t: given.update(to=t), "number", min="0", step="any")
+            field(
+                "filmed at [frames/s], if slow motion",
+                "",
+                lambda t: given.update(rate=t),
+                "number",
+                min="1",
+                step="any",
+            )
+        tag(
+            "p",
+            "Coloured areas need a click on one of them, a surface a click where each marker is and the drawing does "
+            "not show it. Begin where everything is in view; the clicks belong to the frame shown.",
+            "note",
+        )
         tag("h2", "The plane of the marks")
         with tag("div", look="fields"):
             options = [(key, words) for key, (words, _, _) in PLANES.items()]
@@ -65,30 +103,62 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
             field("camera above the bed [mm], if known", "", lambda t: given.update(camera=t), "number", min="1")
             field("dots above the marks [mm], if known", "", lambda t: given.update(height=t), "number", step="any")
             field("focal length [px], if calibrated", "", lambda t: given.update(focal=t), "number", min="1")
+            field(
+                "the known length [mm], in place of marks",
+                "",
+                lambda t: given.update(length=t),
+                "number",
+                min="0",
+                step="any",
+            )
         tick("The clip ends too early: measure what can be read", False, lambda on: given.update(keep=on))
         tag(
             "p",
             "Without a focal length the picture is taken for flat: good where the dots lie in the plane of the marks "
-            "and the camera looks square at it.",
+            "and the camera looks square at it. With one known length alone that must be so, and the picture level.",
             "note",
         )
 
         def start() -> None:
             try:
-                job = start_job(service, owner, _request(id, video, given))
+                job = start_job(service, owner, asked_for(id, video, given))
             except Problem as problem:
                 tell(problem, said)
                 return
             except ValueError as error:
                 said.clear()
                 with said:
-                    notice((str(error).splitlines()[0],), "bad")
+                    notice(sentences(error), "bad")
                 return
             ui.navigate.to(f"/jobs/{job.id}")
 
 
+def sentences(error: ValueError) -> list[str]:
+    """What is wrong with what was asked for."""
+    if isinstance(error, ValidationError):
+        return [fault["msg"].removeprefix("Value error, ") for fault in error.errors()]
+    return [str(error)]
+
+
 def _placed(point: dict[str, Any]) -> bool:
-    return point.get("x_px") is not None
+    return all(isinstance(point.get(along), int | float) for along in ("x_px", "y_px"))
+
+
+def ready(points: dict[str, Any]) -> bool:
+    """Whether enough is placed to know where things are: marks, or both ends of a length."""
+    return sum(_placed(mark) for mark in points["marks"]) >= LEAST or all(_placed(end) for end in points["stick"][:2])
+
+
+def _frame(video: str, from_s: str) -> str:
+    """Where the first picture of a part of a clip is."""
+    return f"{ROOT}/frames/{video}.png" + (f"?from_s={_number(from_s)}" if from_s else "")
+
+
+def _number(text: str) -> float:
+    try:
+        return max(0.0, float(text))
+    except ValueError:
+        return 0.0
 
 
 def _plane(mechanism: Any) -> str:
@@ -98,20 +168,11 @@ def _plane(mechanism: Any) -> str:
     return "xz" if abs(normal[1]) > 0.7 else "yz"
 
 
-def _request(mechanism: str, video: str, given: dict[str, Any]) -> TrackRequest:
+def asked_for(mechanism: str, video: str, given: dict[str, Any]) -> TrackRequest:
     """The job that was asked for; ValueError for numbers that are none."""
     points = given["points"]
-    marks = [mark for mark in points["marks"] if _placed(mark)]
-    if bad := [mark["id"] for mark in marks if not all(isinstance(mark[k], int | float) for k in ("x_mm", "y_mm"))]:
-        raise ValueError(f"Type where {', '.join(bad)} lies on the bed, in mm.")
     _, x_axis, y_axis = PLANES[given["plane"]]
-    bed: dict[str, Any] = {
-        "marks": [
-            {"id": m["id"], "x_m": 1e-3 * m["x_mm"], "y_m": 1e-3 * m["y_mm"], "x_px": m["x_px"], "y_px": m["y_px"]}
-            for m in marks
-        ],
-        "plane": {"x_axis": x_axis, "y_axis": y_axis},
-    }
+    bed: dict[str, Any] = {"plane": {"x_axis": x_axis, "y_axis": y_axis}, **_scale(points, given.get("length"))}
     if height := given.get("height"):
         bed["marker_height_m"] = 1e-3 * float(height)
     if focal := given.get("focal"):
@@ -123,4 +184,28 @@ def _request(mechanism: str, video: str, given: dict[str, Any]) -> TrackRequest:
     asked["keep_truncated"] = bool(given.get("keep"))
     if clicks:
         asked["clicks"] = clicks
+    if way := given["way"]:
+        word = f"texture:{given['reach']}" if way == "texture" and given.get("reach") else way
+        asked["targets"] = dict.fromkeys(given["markers"], word)
+    for field_of, key in (("from_s", "from"), ("to_s", "to"), ("filmed_per_s", "rate")):
+        if text := given.get(key):
+            asked[field_of] = float(text)
     return TrackRequest.model_validate(asked)
+
+
+def _scale(points: dict[str, Any], length: str | None) -> dict[str, Any]:
+    """Marks, or where there are too few of them the stick: what the bed file says of the places in the picture."""
+    marks = [mark for mark in points["marks"] if _placed(mark)]
+    if len(marks) < LEAST:
+        if not length:
+            raise ValueError("Type how long the known length is, in mm; or click on four marks.")
+        a, b, origin = ((point["x_px"], point["y_px"]) if _placed(point) else None for point in points["stick"])
+        return {"stick": {"a_px": a, "b_px": b, "length_m": 1e-3 * float(length), "origin_px": origin}}
+    if bad := [mark["id"] for mark in marks if not all(isinstance(mark[k], int | float) for k in ("x_mm", "y_mm"))]:
+        raise ValueError(f"Type where {', '.join(bad)} lies on the bed, in mm.")
+    return {
+        "marks": [
+            {"id": m["id"], "x_m": 1e-3 * m["x_mm"], "y_m": 1e-3 * m["y_mm"], "x_px": m["x_px"], "y_px": m["y_px"]}
+            for m in marks
+        ]
+    }

@@ -6,8 +6,9 @@ import asyncio
 import tempfile
 import zipfile
 from pathlib import Path
+from typing import Annotated
 
-from fastapi import Request
+from fastapi import Query, Request
 from fastapi.responses import FileResponse, Response
 from starlette.background import BackgroundTask
 
@@ -58,11 +59,11 @@ def add_files(app, service_of) -> None:
         return await _answered(lambda: shared_job(service, id, token).id, service, id, path)
 
     @app.get("/frames/{id}.png", include_in_schema=False)
-    async def frame(request: Request, id: str) -> Response:
+    async def frame(request: Request, id: str, from_s: Annotated[float, Query(ge=0.0, le=1e6)] = 0.0) -> Response:
         service = service_of()
         try:
             find_thing(service, owner_from(service, request), "video", id)
-            return FileResponse(await first_frame(service, id), media_type="image/png")
+            return FileResponse(await first_frame(service, id, from_s), media_type="image/png")
         except Problem as problem:
             return Response(problem.detail, problem.status, media_type="text/plain")
 

@@ -19,8 +19,8 @@ export default {
         <label class="stage-pace">Speed <select v-model.number="pace" @change="$refs.video.playbackRate = pace"><option v-for="p in paces" :key="p" :value="p">{{ p === 1 ? 'real time' : '1/' + Math.round(1 / p) }}</option></select></label>
       </div>
     </div>`,
-  props: { clip: String, preview: String, tracks: Object },
-  data() { return { source: this.clip, playing: false, pace: 0.5, paces: PACES, trouble: "", drawn: true }; },
+  props: { clip: String, preview: String, tracks: Object, begins: Number, slower: Number },
+  data() { return { source: this.clip, playing: false, pace: 0.5, paces: PACES, trouble: "", drawn: this.clip !== this.preview }; },
   computed: { names() { return Object.keys(this.tracks.markers); } },
   mounted() {
     this.seen = new ResizeObserver(() => this.paint());
@@ -61,7 +61,9 @@ export default {
       const pen = canvas.getContext("2d");
       pen.scale(ratio, ratio);
       if (!this.drawn) return;
-      const i = this.at((this.time ?? 0) + (this.tracks.time_s[0] ?? 0));
+      const times = this.tracks.time_s, since = ((this.time ?? 0) - this.begins) / this.slower;
+      if (since < -1e-3 || since > times.at(-1) - times[0] + 0.05) return; // outside the part that was followed
+      const i = this.at(since + times[0]);
       const spot = (row) => [left + (row[0] + 0.5) * scale, top + (row[1] + 0.5) * scale];
       for (const [name, { px, status }] of Object.entries(this.tracks.markers)) {
         pen.strokeStyle = TONES.observed; pen.lineWidth = 1.5; pen.globalAlpha = 0.65; pen.beginPath();

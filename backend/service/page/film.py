@@ -10,13 +10,21 @@ from nicegui.element import Element
 
 
 class Film(Element, component="film.js"):
-    """clip, preview: addresses of the clip and of the tracker's annotated one. tracks: from `film_tracks`."""
+    """clip, preview: addresses of the clip and of the tracker's annotated one. tracks: from `film_tracks`.
 
-    def __init__(self, clip: str, preview: str, tracks: dict[str, Any]) -> None:
+    begins_s: where in the clip, as a player shows it, they begin. slower: how many times slower it plays than it was
+    filmed.
+    """
+
+    def __init__(
+        self, clip: str, preview: str, tracks: dict[str, Any], begins_s: float = 0.0, slower: float = 1.0
+    ) -> None:
         super().__init__()
         self._props["clip"] = clip
         self._props["preview"] = preview
         self._props["tracks"] = tracks
+        self._props["begins"] = begins_s
+        self._props["slower"] = slower
 
 
 def film_tracks(path: Path) -> dict[str, Any]:

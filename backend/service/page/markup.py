@@ -90,12 +90,14 @@ def empty(title: str, sentence: str) -> Element:
     return box
 
 
-def field(label: str, value: Any, changed: Callable[[Any], None], kind: str = "text", **attributes: Any) -> Element:
-    """A labelled input; `changed` is told its text whenever it changes."""
+def field(
+    label: str, value: Any, changed: Callable[[Any], None], kind: str = "text", when: str = "input", **attributes: Any
+) -> Element:
+    """A labelled input; `changed` is told its text at every letter, or when it is complete (when: "change")."""
     with tag("label", look="field"):
         tag("span", label)
         made = tag("input", look="in", type=kind, value=value, **attributes)
-        made.on("input", lambda event: changed(event.args), js_handler="(e) => emit(e.target.value)")
+        made.on(when, lambda event: changed(event.args), js_handler="(e) => emit(e.target.value)")
     return made
 
 

@@ -1,6 +1,11 @@
 // Pointing at things in a picture: each point of a list is placed by a click, or with the arrow keys and Enter.
 const LENS = 5; // times larger under the pointer
 const FAR = 14; // screen pixels within which a click takes hold of a point that is there already
+const HINTS = {
+  marks: "Four or more points whose places on the bed you know, spread wide. Type where they are, then click on each.",
+  stick: "In place of marks, where one length is all that is known: click on its two ends. The origin of the drawing's coordinates is the first end unless you place it; type its pixels where it lies outside the picture.",
+  dots: "Only needed where the tracker asks which dot is which, and for coloured areas and surfaces. Click on the centre of each.",
+};
 
 export default {
   template: `
@@ -19,6 +24,10 @@ export default {
               <label>x <input type="number" step="any" v-model.number="point.x_mm" @input="tell" :aria-label="'x of ' + point.id + ' in mm'"> mm</label>
               <label>y <input type="number" step="any" v-model.number="point.y_mm" @input="tell" :aria-label="'y of ' + point.id + ' in mm'"> mm</label>
             </template>
+            <template v-if="mode === 'stick'">
+              <label>x <input type="number" step="any" v-model.number="point.x_px" @input="tell(); paint()" :aria-label="'x of ' + point.id + ' in pixels'"> px</label>
+              <label>y <input type="number" step="any" v-model.number="point.y_px" @input="tell(); paint()" :aria-label="'y of ' + point.id + ' in pixels'"> px</label>
+            </template>
             <button v-if="placed(point)" type="button" class="quiet" @click="drop(point)" :aria-label="'Take ' + point.id + ' off'">×</button>
           </li>
         </ol>
@@ -31,34 +40,37 @@ export default {
         <div class="pointing-zoom"><button type="button" @click="zoom(1.5)" aria-label="Larger">+</button><button type="button" @click="zoom(1 / 1.5)" aria-label="Smaller">−</button><button type="button" @click="whole">whole</button></div>
       </div>
     </div>`,
-  props: { picture: String, marks: Array, dots: Array },
+  props: { picture: String, marks: Array, stick: Array, dots: Array },
   emits: ["points"],
   data() {
-    return { mode: "marks", active: null, trouble: "", own: { marks: this.marks.map((m) => ({ ...m })), dots: this.dots.map((d) => ({ ...d })) } };
+    return { mode: "marks", active: null, trouble: "", own: { marks: this.marks.map((m) => ({ ...m })), stick: this.stick.map((s) => ({ ...s })), dots: this.dots.map((d) => ({ ...d })) } };
   },
   computed: {
-    kinds() { return [{ id: "marks", name: "Bed marks", points: this.own.marks }, { id: "dots", name: "Dots", points: this.own.dots }]; },
+    kinds() { return [{ id: "marks", name: "Bed marks", points: this.own.marks }, { id: "stick", name: "A length", points: this.own.stick }, { id: "dots", name: "Dots", points: this.own.dots }]; },
     list() { return this.own[this.mode]; },
     hint() {
-      return this.mode === "marks" ? "Four or more points whose places on the bed you know, spread wide. Type where they are, then click on each."
-        : "Only needed where the tracker asks which dot is which. Click on the centre of each dot.";
+      return HINTS[this.mode];
     },
   },
   mounted() {
-    this.image = new Image();
-    this.image.onload = () => { this.whole(); this.$el.dataset.ready = "yes"; };
-    this.image.onerror = async () => {
-      const answer = await fetch(this.picture).catch(() => null);
-      this.trouble = answer ? `The clip's first frame cannot be shown. ${await answer.text()}` : "The clip's first frame cannot be fetched; reload the page.";
-    };
-    this.image.src = this.picture;
+    this.load();
     this.active = this.list.find((p) => !this.placed(p))?.id ?? null;
     this.seen = new ResizeObserver(() => this.whole());
     this.seen.observe(this.$refs.view);
   },
   unmounted() { this.seen?.disconnect(); },
+  watch: { picture() { this.load(); } },
   methods: {
-    placed: (point) => Number.isFinite(point.x_px),
+    load() {
+      const image = this.image = new Image(), address = this.picture;
+      image.onload = () => { if (this.image !== image) return; this.trouble = ""; this.whole(); this.$el.dataset.ready = "yes"; };
+      image.onerror = async () => {
+        const answer = await fetch(address).catch(() => null), said = answer ? await answer.text() : "";
+        if (this.image === image) this.trouble = answer ? `This frame of the clip cannot be shown. ${said}` : "The frame cannot be fetched; reload the page.";
+      };
+      image.src = address;
+    },
+    placed: (point) => Number.isFinite(point.x_px) && Number.isFinite(point.y_px),
     turn(kind) { this.mode = kind; this.active = this.list.find((p) => !this.placed(p))?.id ?? null; this.paint(); },
     choose(id) { this.active = id; this.paint(); this.$refs.view.focus(); },
     more() {
@@ -70,7 +82,7 @@ export default {
       this.tell();
     },
     drop(point) { point.x_px = point.y_px = null; this.active = point.id; this.tell(); this.paint(); },
-    tell() { this.$emit("points", { marks: this.own.marks, dots: this.own.dots }); },
+    tell() { this.$emit("points", { marks: this.own.marks, stick: this.own.stick, dots: this.own.dots }); },
     whole() {
       const view = this.$refs.view;
       if (!view || !this.image.naturalWidth) return;
@@ -160,7 +172,7 @@ export default {
         pen.fillStyle = colour; pen.fillText(name, x + 12, y - 10);
       };
       for (const kind of this.kinds) for (const p of kind.points) {
-        if (this.placed(p)) target([p.x_px, p.y_px], p.id === this.active && kind.id === this.mode ? "#c2571a" : kind.id === "marks" ? "#0b6bb8" : "#1c7a3d", p.id);
+        if (this.placed(p)) target([p.x_px, p.y_px], p.id === this.active && kind.id === this.mode ? "#c2571a" : kind.id === "dots" ? "#1c7a3d" : "#0b6bb8", p.id);
       }
       if (this.hover && this.cross && this.active) this.lens(pen, width, ink("rule"));
     },

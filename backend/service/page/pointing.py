@@ -1,4 +1,4 @@
-"""Pointing at marks and dots in the first frame of a clip."""
+"""Pointing at marks, a known length and dots in the first frame of a clip."""
 
 from __future__ import annotations
 
@@ -11,19 +11,26 @@ from nicegui.element import Element
 class Pointing(Element, component="pointing.js"):
     """A picture and the points to be placed in it.
 
-    marks: id, x_mm, y_mm on the bed and x_px, y_px (None until placed). dots: id, x_px, y_px. told: called with both
-    lists whenever one of them changes.
+    marks: id, x_mm, y_mm on the bed and x_px, y_px (None until placed). stick, dots: id, x_px, y_px. told: called with
+    the lists whenever one of them changes.
     """
 
     def __init__(
         self,
         picture: str,
         marks: Sequence[dict[str, Any]],
+        stick: Sequence[dict[str, Any]],
         dots: Sequence[dict[str, Any]],
         told: Callable[[dict[str, list[dict[str, Any]]]], None],
     ) -> None:
         super().__init__()
         self._props["picture"] = picture
         self._props["marks"] = list(marks)
+        self._props["stick"] = list(stick)
         self._props["dots"] = list(dots)
         self.on("points", lambda event: told(event.args))
+
+    def show(self, picture: str) -> None:
+        """Another picture under the same points."""
+        self._props["picture"] = picture
+        self.update()

@@ -131,7 +131,7 @@ def tracking(service: Service, job: Job, base: str, film: str | None) -> None:
         clip = film + files_of(service, job.request["video"])[0].path
     notice(told.get("warnings", []), "warn")
     with tag("div", look="split"):
-        Film(clip, preview, film_tracks(path))
+        Film(clip, preview, film_tracks(path), told.get("begins_s", 0.0), told.get("slower", 1.0))
         with tag("div", look="panel"):
             tag("h3", "How well it went")
             facts(_track_facts(told))

@@ -44,13 +44,13 @@ async def checked(service: Service, thing: str, drawing: str) -> dict[str, Any]:
     return json.loads(kept.read_text(encoding="utf-8"))
 
 
-async def first_frame(service: Service, video: str) -> Path:
-    """The first picture of a stored clip, as PNG in its own size."""
-    kept = place(service, f"frame-{video}.png")
+async def first_frame(service: Service, video: str, from_s: float = 0.0) -> Path:
+    """The first picture of a stored clip, or of what a player shows from a time on, as PNG in its own size."""
+    kept = place(service, f"frame-{video}-{from_s}.png")
     if not kept.exists():
         (film,) = files_of(service, video)
         path = await asyncio.to_thread(brought, service, video, film.path)
-        await linktwin(service, "still", str(path), f"--out={kept}")
+        await linktwin(service, "still", str(path), f"--from={from_s}", f"--out={kept}")
     return kept
 
 

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Body, Depends, Header, Query, Response
+from fastapi import APIRouter, Body, Depends, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from sse_starlette import EventSourceResponse, ServerSentEvent
 
@@ -22,7 +22,7 @@ from backend.service.answers import (
     ProgressAnswer,
     ResultAnswer,
 )  # fmt: skip
-from backend.service.asking import TheOwner, TheService, TheSlice, may_fail
+from backend.service.asking import RepeatKey, TheOwner, TheService, TheSlice, may_fail
 from backend.service.jobs.desk import (
     cancel_job,
     delete_job,
@@ -43,13 +43,28 @@ from backend.service.states import FINISHED, State
 from backend.service.telling import file_answer, job_answer, list_answer
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
+MARKS = [
+    {"id": name, "x_m": x_m, "y_m": y_m, "x_px": x_px, "y_px": y_px}
+    for name, x_m, y_m, x_px, y_px in (
+        ("A", 0.0, 0.0, 60.5, 660.0), ("B", 0.2, 0.0, 460.0, 661.5), ("C", 0.2, 0.1, 459.5, 460.0),
+        ("D", 0.0, 0.1, 61.0, 459.0),
+    )
+]  # fmt: skip
+STICK = {"a_px": [20.0, 300.0], "b_px": [620.0, 300.0], "length_m": 0.94}
+UPRIGHT = {"x_axis": [1.0, 0.0, 0.0], "y_axis": [0.0, 0.0, 1.0]}
 EXAMPLES = {
     "simulate": {"value": {"kind": "simulate", "mechanism": ID, "duration_s": 1.0, "step_s": 0.001}},
     "jam": {"value": {"kind": "jam", "mechanism": ID, "duration_s": 1.0}},
     "fit": {"value": {"kind": "fit", "study": ID, "free": ["coulomb_friction:*"]}},
     "diagnose": {"value": {"kind": "diagnose", "study": ID, "tolerance_mm": 1.0}},
-    "track": {"value": {"kind": "track", "video": ID, "mechanism": ID, "bed": {"marks": []}, "clicks": None}},
-}
+    "track": {"value": {"kind": "track", "video": ID, "mechanism": ID, "bed": {"marks": MARKS}, "clicks": None}},
+    "track a part of a clip that somebody else filmed": {
+        "value": {
+            "kind": "track", "video": ID, "mechanism": ID, "bed": {"stick": STICK, "plane": UPRIGHT},
+            "targets": {"elbow": "texture:40", "tip": "texture:40"}, "from_s": 2.0, "to_s": 7.5, "filmed_per_s": 240.0,
+        }
+    },
+}  # fmt: skip
 EVENT = {
     "type": "object",
     "properties": {
@@ -58,18 +73,11 @@ EVENT = {
         "data": {"type": "string", "contentMediaType": "application/json"},
     },
 }
-RepeatKey = Annotated[
-    str | None,
-    Header(
-        alias="Idempotency-Key", min_length=1, max_length=255, pattern=r"^[!-~]+$",
-        description="The same key with the same request gives the job made the first time, for a day.",
-    ),
-]  # fmt: skip
 _streams: Counter[str] = Counter()
 
 
 @router.post(
-    "", status_code=202, responses=may_fail("not-found", "too-large", "too-slow", "wrong-type"),
+    "", status_code=202, responses=may_fail("not-found", "too-large", "too-slow", "wrong-type", "key-reused"),
     dependencies=[Depends(json_alone)],
 )  # fmt: skip
 def post_job(

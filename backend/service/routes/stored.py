@@ -10,7 +10,7 @@ from fastapi.concurrency import run_in_threadpool
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.read import decode
 from backend.service.answers import API, ID, ROOMS, ThingAnswer
-from backend.service.asking import TheOwner, TheService, may_fail
+from backend.service.asking import RepeatKey, TheOwner, TheService, may_fail
 from backend.service.mechanisms import faulty, store_mechanism, store_mechanism_document
 from backend.service.problems import Problem
 from backend.service.records import Thing
@@ -22,7 +22,7 @@ from backend.service.telling import thing_answer
 from backend.service.things import files_of
 from backend.service.videos import store_video
 
-UPLOAD = may_fail("not-found", "too-slow", "too-large", "wrong-type", "storage-full")
+UPLOAD = may_fail("not-found", "too-slow", "too-large", "wrong-type", "storage-full", "key-reused")
 Name = Annotated[str | None, Query(max_length=200, description="What to call it.")]
 DRAWING = {
     "schema_version": "1.0",
@@ -46,14 +46,19 @@ for kind in ("mechanism", "study", "video"):
     summary="Store a mechanism with its meshes",
 )  # fmt: skip
 async def post_mechanism(
-    request: Request, response: Response, service: TheService, owner: TheOwner, name: Name = None
+    request: Request,
+    response: Response,
+    service: TheService,
+    owner: TheOwner,
+    name: Name = None,
+    repeat_key: RepeatKey = None,
 ) -> ThingAnswer:
     """Every fault of the drawing is listed, with its remedy."""
     name = _plain(name)
     thing = await received_folder(
         request, service,
-        lambda text: store_mechanism_document(service, owner, text, name),
-        lambda files: store_mechanism(service, owner, files, name),
+        lambda text: store_mechanism_document(service, owner, text, name, repeat_key),
+        lambda files: store_mechanism(service, owner, files, name, repeat_key),
     )  # fmt: skip
     return await _created(response, service, thing)
 
@@ -63,14 +68,19 @@ async def post_mechanism(
     summary="Store a study: a mechanism and its experiments",
 )  # fmt: skip
 async def post_study(
-    request: Request, response: Response, service: TheService, owner: TheOwner, name: Name = None
+    request: Request,
+    response: Response,
+    service: TheService,
+    owner: TheOwner,
+    name: Name = None,
+    repeat_key: RepeatKey = None,
 ) -> ThingAnswer:
     """As JSON it refers to what is stored already: `mechanisms/ID`, `videos/ID`, `jobs/ID/files/tracks.csv`."""
     name = _plain(name)
     thing = await received_folder(
         request, service,
-        lambda text: compose_study(service, owner, _document(text), name),
-        lambda files: store_study(service, owner, files, name),
+        lambda text: compose_study(service, owner, _document(text), name, repeat_key),
+        lambda files: store_study(service, owner, files, name, repeat_key),
     )  # fmt: skip
     return await _created(response, service, thing)
 
@@ -86,14 +96,19 @@ async def post_study(
     },
 )  # fmt: skip
 async def put_video(
-    request: Request, response: Response, service: TheService, owner: TheOwner, name: Name = None
+    request: Request,
+    response: Response,
+    service: TheService,
+    owner: TheOwner,
+    name: Name = None,
+    repeat_key: RepeatKey = None,
 ) -> ThingAnswer:
-    """Each upload is a video of its own; the answer's Location says where."""
+    """Each upload is a video of its own, unless an Idempotency-Key says otherwise; the Location says where."""
     name = _plain(name)
     if kind_of_body(request) == FORM:
         raise Problem("wrong-type", "A clip comes as its bytes, not as a form; send it as `curl -T clip.mp4` does.")
     async with received(request, service) as body:
-        thing = await run_in_threadpool(store_video, service, owner, body, name)
+        thing = await run_in_threadpool(store_video, service, owner, body, name, repeat_key)
     return await _created(response, service, thing)
 
 
