@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import log_prior
@@ -38,6 +37,6 @@ def overpromise(best: Cause, causes: Sequence[Cause], scale: float) -> float:
     own = [c for c in causes if c.fitted.subject is subject]
     sets = {c.names: c.candidates for c in own} | {(c.name,): (c,) for c in subject.library.candidates}
     found = [weight(c.candidates, log_evidence(scaled(c.fitted, scale))) for c in own]
-    ahead = logsumexp([promised(members) for members in sets.values()]) - promised(best.candidates)
-    came = logsumexp(found) - weight(best.candidates, log_evidence(scaled(best.fitted, scale)))
-    return max(0.0, float(ahead - came))
+    ahead = float(np.logaddexp.reduce([promised(members) for members in sets.values()])) - promised(best.candidates)
+    came = float(np.logaddexp.reduce(found)) - weight(best.candidates, log_evidence(scaled(best.fitted, scale)))
+    return max(0.0, ahead - came)
