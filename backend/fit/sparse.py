@@ -42,12 +42,17 @@ class Sparse:
         self.few = Residuals(few, self.full.scale[first], runs)
 
     def seek(self, search: Search, solution: Solution) -> Solution:
-        """From the fit of shared values, name what deviates and fit again, until the names stay."""
+        """From the fit of shared values, name what deviates and fit again, until the names stay. A fit that ended
+        before it converged is named by, too: what deviates may be why.
+        """
         apart: tuple[int, ...] = ()
         for _ in range(ROUNDS):
+            if solution.status == "cancelled":
+                self.settled = False
+                return solution
             self.named = self._name(solution, apart)
             self.settled = self.named.apart == apart
-            if self.settled or not solution.converged:
+            if self.settled:
                 return solution
             apart = self.named.apart
             begin, history = self._full(solution.x), [self._full(step.parameters) for step in search.history]

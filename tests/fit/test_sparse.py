@@ -95,6 +95,15 @@ def test_one_bad_pin_is_named_alone_and_measured(with_a_bad_pin):
     assert report.converged
 
 
+def test_a_fit_cut_short_names_only_what_has_a_value_of_its_own(seen):
+    report = fitted(seen(1, **{BAD: TIMES}), max_iterations=2).report
+    assert not report.converged
+    assert report.deviations
+    for found in report.deviations:
+        assert found.name != found.others
+        assert found.name in [p.name for p in report.parameters]
+
+
 def test_where_all_pins_are_alike_none_is_named(seen):
     report = fitted(seen(2)).report
     assert report.deviations == ()
