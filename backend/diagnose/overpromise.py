@@ -17,7 +17,7 @@ from backend.diagnose.which import Cause
 
 
 def overpromise(best: Cause, causes: Sequence[Cause], scale: float) -> float:
-    """How much more [nats] the library promises to first order in place of the best cause than fits of it brought.
+    """How much more [nats] fitted causes promise to first order in place of the best one than their fits brought.
 
     What is not linear in the causes' share of the motion flatters laws of unknown form and named ones alike: to first
     order about one motion friction of one kind may leave less than the same friction leaves once it is fitted.
@@ -35,8 +35,7 @@ def overpromise(best: Cause, causes: Sequence[Cause], scale: float) -> float:
         return weight(members, log_mean(evidence(bare, L[:, moves > 0] / moves[moves > 0])))
 
     own = [c for c in causes if c.fitted.subject is subject]
-    sets = {c.names: c.candidates for c in own} | {(c.name,): (c,) for c in subject.library.candidates}
     found = [weight(c.candidates, log_evidence(scaled(c.fitted, scale))) for c in own]
-    ahead = float(np.logaddexp.reduce([promised(members) for members in sets.values()])) - promised(best.candidates)
+    ahead = float(np.logaddexp.reduce([promised(c.candidates) for c in own])) - promised(best.candidates)
     came = float(np.logaddexp.reduce(found)) - weight(best.candidates, log_evidence(scaled(best.fitted, scale)))
     return max(0.0, ahead - came)
