@@ -108,7 +108,7 @@ class TextureTargets:
         self.flow = {"winSize": (window, window), "maxLevel": 2, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
         _refuse(
             start_px,
-            ((at < reach_px) | (at > size - 1 - reach_px)).any(1),
+            np.any((at < reach_px) | (at > size - 1 - reach_px), axis=1),
             f"within {reach_px} px of the picture's edge; let less round it count, or begin where it is farther inside",
         )
         self.own = Surroundings(first.luma, at, reach_px)
@@ -118,7 +118,7 @@ class TextureTargets:
         blurred = Surroundings(np.asarray(cv2.GaussianBlur(first.luma, (0, 0), GRAIN_PX), np.uint8), at, reach_px)
         _refuse(
             start_px,
-            np.linalg.eigvalsh(blurred.noise_px2(codes))[:, -1] > HOLD_PX**2,
+            np.asarray(np.linalg.eigvalsh(blurred.noise_px2(codes))[:, -1] > HOLD_PX**2),
             "on a surface too smooth to be followed; stick a ringed dot or a tag there, or let more of it count: "
             f'"texture:{2 * reach_px}"',
         )
