@@ -86,9 +86,9 @@ class Linktwin:
         self, document: Mapping[str, Any] | StudyFile, name: str | None = None, repeat_key: str | None = None
     ) -> ThingAnswer:
         """Store a study of what is stored already: `mechanisms/ID`, `videos/ID`, `jobs/ID/files/tracks.csv`."""
-        told = document.model_dump(mode="json", exclude_none=True) if isinstance(document, StudyFile) else document
+        study = document.model_dump(mode="json", exclude_none=True) if isinstance(document, StudyFile) else document
         answer = self._line.ask(
-            "POST", "/studies", json=dict(told), params=_given(name=name), headers=_repeatable(repeat_key)
+            "POST", "/studies", json=dict(study), params=_given(name=name), headers=_repeatable(repeat_key)
         )
         return read(ThingAnswer, answer)
 

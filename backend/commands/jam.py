@@ -133,6 +133,7 @@ def _ensemble(asked: Asked, file: Path, out: Path | None, answer: Answer, resume
     write_json(report, folder / "jam_ensemble.json")
     table = found.write(folder / "jam_ensemble.csv")
     page = write_ensemble_page(found.report, folder / "jam_ensemble.html")
+    (folder / FILE).unlink(missing_ok=True)  # not before: who is killed while it writes resumes, too
     written = f"wrote       {folder / 'jam_ensemble.json'}, {table}\nopen        {page}"
     answer(report, f"{ensemble_text(found.report)}\n{written}")
 
@@ -140,7 +141,7 @@ def _ensemble(asked: Asked, file: Path, out: Path | None, answer: Answer, resume
 def _there(
     asked: Asked, file: Path, out: Path | None, answer: Answer, server: str, key: str | None, resume: bool
 ) -> None:
-    """Any of both, done by a service."""
+    """Either of the two, done by a service."""
     from backend.mechanism.ensemble_report import EnsembleReport
     from backend.mechanism.jam_report import JamReport
     from backend.mechanism.read import is_study, parse

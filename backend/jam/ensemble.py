@@ -69,7 +69,8 @@ def ensemble(
 
     n (d + 2) of the samples give the Sobol' indices of d parameters, n the largest power of two that fits.  One
     process, or the workers of the scheduler that DASK_SCHEDULER_ADDRESS names.  checkpoint: where finished chunks are
-    kept until all are done.  resume: go on from those that lie there.  Raises ValueError with the remedy.
+    kept, to be removed once what came of them is safe.  resume: go on from those that lie there.  Raises ValueError
+    with the remedy.
     """
     steps_of(duration_s, step_s)
     if not 1 <= samples <= MOST_SAMPLES:
@@ -116,8 +117,6 @@ def _answered(
             progress(int(answered.sum()), count)
     if (answered != 1).any():
         raise RuntimeError(f"{int((answered != 1).sum())} samples were not answered exactly once")
-    if kept:
-        kept.remove()
     wall = time.perf_counter() - begun
     processes = f"workers of {os.environ[SCHEDULER]}" if os.environ.get(SCHEDULER) else "one process"
     rate = others / (wall - first) if others else None

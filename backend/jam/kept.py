@@ -59,10 +59,6 @@ class KeptChunks:
             file.flush()
             os.fsync(file.fileno())
 
-    def remove(self) -> None:
-        """All is done: nothing is left to resume."""
-        self.path.unlink(missing_ok=True)
-
 
 def _line(first: int, seen: Verdicts) -> str:
     told = {name: getattr(seen, name).astype(int).tolist() for name in ("jammed", "rests", "lost")}

@@ -48,7 +48,7 @@ class ShownSamples(Part):
 class Throughput(Part):
     """How fast it went. samples_per_s: after the first chunk, whose compile time is first_chunk_s; null for one chunk.
 
-    processes: what did the work, in words.
+    chunks: done since the last --resume, none where all were kept.  processes: what did the work, in words.
     """
 
     wall_s: float

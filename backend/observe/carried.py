@@ -12,6 +12,7 @@ from backend.observe.tracking_error import TrackingError
 # In place of a tag's number: nothing is stuck there; a dot without a colour; a coloured area of any shape.
 TEXTURE, DARK, PATCH = "texture", "dark", "patch"
 REACH_PX, LEAST_REACH_PX = 10, 5  # of a texture: a bar of 10 mm at 0.5 mm a pixel; fewer pixels tell no place
+MOST_REACH_PX = 10_000  # no picture shows more
 
 GivenTargets = Mapping[str, int | str] | str | Path | None
 
@@ -29,9 +30,10 @@ def _untagged(word: Any) -> Untagged | None:
     if way not in (TEXTURE, DARK, PATCH):
         return None
     made = Untagged(way, int(reach)) if reach else Untagged(way)
-    if made.reach_px < LEAST_REACH_PX or (reach and way != TEXTURE):
+    if not LEAST_REACH_PX <= made.reach_px <= MOST_REACH_PX or (reach and way != TEXTURE):
         raise ValueError(
-            f"{word!r}: a texture reaches {LEAST_REACH_PX} pixels or more, other targets have their own size"
+            f"{word!r}: a texture reaches {LEAST_REACH_PX} pixels or more, at most {MOST_REACH_PX}; other targets have "
+            "their own size"
         )
     return made
 

@@ -80,6 +80,12 @@ def _after(warp: Warp, change: Warp) -> Warp:
     return (whole[0] @ np.linalg.inv(whole[1]))[:, :2]
 
 
+def _refuse(start_px: Mapping[str, Float[np.ndarray, "2"]], wrong: Bool[np.ndarray, "n"], why: str) -> None:
+    if wrong.any():
+        listed = ", ".join(name for name, bad in zip(start_px, wrong, strict=True) if bad)
+        raise TrackingError(f"Where {listed} should be in the first picture is {why}.")
+
+
 class TextureTargets:
     """Points of a mechanism's own surface, each begun where its marker is in the first picture.
 
@@ -100,26 +106,22 @@ class TextureTargets:
         size = np.array(first.luma.shape)[::-1]
         self.radius_px, window = float(reach_px), 2 * min(reach_px, WIDEST_PX) + 1
         self.flow = {"winSize": (window, window), "maxLevel": 2, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
-        outside = ((at < reach_px) | (at > size - 1 - reach_px)).any(1)
-        within = at.clip(0, size - 1)
-        self.own = Surroundings(first.luma, within, reach_px)
+        _refuse(
+            start_px,
+            np.any((at < reach_px) | (at > size - 1 - reach_px), axis=1),
+            f"within {reach_px} px of the picture's edge; let less round it count, or begin where it is farther inside",
+        )
+        self.own = Surroundings(first.luma, at, reach_px)
         codes = np.full(len(at), NOISE_CODES)
         noise = self.own.noise_px2(codes)
         # Noise looks like texture; blurred, it does not.
-        blurred = Surroundings(np.asarray(cv2.GaussianBlur(first.luma, (0, 0), GRAIN_PX), np.uint8), within, reach_px)
-        smooth = np.linalg.eigvalsh(blurred.noise_px2(codes))[:, -1] > HOLD_PX**2
-        cases = (
-            (np.asarray(outside), f"within {reach_px} px of the picture's edge"),
-            (
-                np.asarray(smooth & ~outside),
-                "on a surface too smooth to be followed; stick a ringed dot or a tag there, or let more of it count: "
-                f'"texture:{2 * reach_px}"',
-            ),
+        blurred = Surroundings(np.asarray(cv2.GaussianBlur(first.luma, (0, 0), GRAIN_PX), np.uint8), at, reach_px)
+        _refuse(
+            start_px,
+            np.asarray(np.linalg.eigvalsh(blurred.noise_px2(codes))[:, -1] > HOLD_PX**2),
+            "on a surface too smooth to be followed; stick a ringed dot or a tag there, or let more of it count: "
+            f'"texture:{2 * reach_px}"',
         )
-        for names, why in cases:
-            if names.any():
-                listed = ", ".join(name for name, bad in zip(start_px, names, strict=True) if bad)
-                raise TrackingError(f"Where {listed} should be in the first picture is {why}.")
         self.warp = np.concatenate([np.tile(np.eye(2), (len(at), 1, 1)), at[:, :, None]], 2)
         self.found = Detections(at, noise, np.ones(len(at), bool), np.ones(len(at)))
         self.order = np.arange(len(at))

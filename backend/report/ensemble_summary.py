@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from backend.mechanism.ensemble_report import EnsembleReport
+from backend.mechanism.ensemble_report import EnsembleReport, Throughput
 from backend.report.ensemble_page import ranked
 from backend.report.quantity import shown
 
@@ -22,12 +22,17 @@ def ensemble_text(report: EnsembleReport) -> str:
         lines.append(
             f"            from {report.index_rows} rows of {matrices} matrices: n (d + 2) <= samples, n a power of two"
         )
-    speed = report.throughput
+    lines.append(f"speed       {_speed(report.throughput)}")
+    return "\n".join([*lines, *(f"caution     {said}" for said in report.warnings)])
+
+
+def _speed(speed: Throughput) -> str:
+    if not speed.chunks:
+        return "every chunk was done before"
     rate = (
         f"{shown(speed.samples_per_s)} samples/s" if speed.samples_per_s else "one chunk: no rate apart from compiling"
     )
-    lines.append(
-        f"speed       {rate} by {speed.processes}; first chunk of {speed.chunk} after {shown(speed.first_chunk_s)} s "
-        f"(compiling), all after {shown(speed.wall_s)} s"
+    return (
+        f"{rate} by {speed.processes}; first chunk of {speed.chunk} after {shown(speed.first_chunk_s)} s (compiling), "
+        f"all after {shown(speed.wall_s)} s"
     )
-    return "\n".join([*lines, *(f"caution     {said}" for said in report.warnings)])

@@ -26,6 +26,7 @@ BY_STATUS = {
     400: "malformed", 401: "no-key", 404: "not-found", 405: "wrong-method", 413: "too-large", 415: "wrong-type",
     422: "invalid",
 }  # fmt: skip
+MOST_SAID = 2000  # letters of a fault: one that lists what was sent would be as long
 
 
 def create_app(service: Service) -> FastAPI:
@@ -73,7 +74,8 @@ def _on_invalid(request: Request, error: Any) -> JSONResponse:
     faults = []
     for record in error.errors()[:100]:
         where = ".".join(str(step) for step in record["loc"] if step != "body")[:200]
-        faults.append(f"{where}: {record['msg']}" if where else record["msg"])
+        said = record["msg"][:MOST_SAID]
+        faults.append(f"{where}: {said}" if where else said)
     if any(record["type"] == "json_invalid" for record in error.errors()[:1]):
         return _answer(Problem("malformed", "The body is not JSON; correct it.", faults), request)
     count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"

@@ -11,6 +11,7 @@ from backend.jam.ensemble import ensemble
 from backend.jam.kept import FILE
 from backend.mechanism.ensemble_report import EnsembleReport
 from backend.mechanism.read import write_mechanism
+from backend.report.ensemble_summary import ensemble_text
 from tests.jam.weak import DRIVE, DRY, RUN, weak_bar
 
 SPECS = [f"{DRIVE}=uniform(0.005,0.015)", f"{DRY}=uniform(0.005,0.015)"]
@@ -77,17 +78,18 @@ def test_an_ensemble_that_was_cut_off_goes_on_and_ends_as_one_left_alone(found, 
     ):
         with pytest.raises(ValueError, match=words):
             ensemble(weak_bar(), SPECS, 1100, **{**RUN, "seed": 1, "checkpoint": kept, "resume": True, **other})
-    told = []
-    again = ensemble(
-        weak_bar(), SPECS, 1100, **RUN, seed=1, checkpoint=kept, resume=True, progress=lambda done, _: told.append(done)
-    )
-    assert told[0] == 10 * 64
-    assert not kept.exists()
-    assert again.report.throughput.chunks == 18 - 9
-    whole = found.report.model_dump(exclude={"throughput"})
-    assert again.report.model_dump(exclude={"throughput"}) == whole
-    for name in ("jammed", "rests", "onset_s", "lost"):
-        np.testing.assert_array_equal(getattr(again.verdicts, name), getattr(found.verdicts, name))
+    whole, told = found.report.model_dump(exclude={"throughput"}), []
+    for left in (18 - 9, 0):  # none where it was killed once more, between the last chunk and the report
+        again = ensemble(
+            weak_bar(), SPECS, 1100, **RUN, seed=1, checkpoint=kept, resume=True,
+            progress=lambda done, _: told.append(done),
+        )  # fmt: skip
+        assert told[0] == 10 * 64
+        assert again.report.throughput.chunks == left
+        assert again.report.model_dump(exclude={"throughput"}) == whole
+        for name in ("jammed", "rests", "onset_s", "lost"):
+            np.testing.assert_array_equal(getattr(again.verdicts, name), getattr(found.verdicts, name))
+    assert "every chunk was done before" in ensemble_text(again.report)
 
 
 def test_throughput_leaves_the_first_chunk_out(found):
@@ -119,6 +121,7 @@ def test_the_command_writes_report_table_and_page(found, tmp_path):
     rows = (tmp_path / "out" / "jam_ensemble.csv").read_text().splitlines()
     assert rows[0] == f"{DRIVE},{DRY},independent,jammed,lost,onset_s"
     assert len(rows) == 1 + 128
+    assert not (tmp_path / "out" / FILE).exists()
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_what_carries_no_tag_says_how_it_is_followed():
     assert read_targets({"tip": "texture"}, ["tip"]) == Untagged("texture", 10)
     assert read_targets({"tip": "texture:40"}, ["tip"]) == Untagged("texture", 40)
     assert read_targets({"tip": "dark", "knee": "dark"}, ["tip", "knee"]) == Untagged("dark")
-    for wrong in ("texture:2", "dark:9", "dot"):
+    for wrong in ("texture:2", "texture:10001", "dark:9", "dot"):
         with pytest.raises(TrackingError, match="Targets cannot be read"):
             read_targets({"tip": wrong}, ["tip"])
     with pytest.raises(TrackingError, match="dark or patch and not all alike"):

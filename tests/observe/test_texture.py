@@ -71,6 +71,14 @@ def test_a_smooth_surface_is_refused_by_name(tmp_path):
         track_video(clip, drawing(), bed(), out_dir=tmp_path, targets=BARE, preview=False)
 
 
+@pytest.mark.parametrize("reach", [400, 10_000])
+def test_more_than_the_picture_shows_cannot_count(reach, tmp_path):
+    clip = film(tmp_path / "wide.mp4", ANGLE[:3])
+    targets = dict.fromkeys(POINTS_M, f"texture:{reach}")
+    with pytest.raises(TrackingError, match=rf"within {reach} px of the picture's edge"):
+        track_video(clip, drawing(), bed(), out_dir=tmp_path, targets=targets, preview=False)
+
+
 def test_stickers_and_bare_surfaces_do_not_mix(tmp_path):
     clip = film(tmp_path / "mixed.mp4", ANGLE[:3])
     with pytest.raises(TrackingError, match=r"far are to be followed by their texture"):

@@ -1,11 +1,15 @@
 """Parts of the page that need no browser: releases read off tables, links that cannot be forged, planes of motion."""
 
+import asyncio
+import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from backend.mechanism.read import read_mechanism
+from backend.service.page import running
 from backend.service.page.access import share_token, shared_job
 from backend.service.page.clip_view import STICK, asked_for, ready, sentences
 from backend.service.page.runs import kind_of, released
@@ -117,6 +121,25 @@ def test_what_cannot_be_meant_is_said_in_a_sentence(given, says):
     with pytest.raises(ValueError, match=says) as found:
         asked_for(id, id, given)
     assert "validation error" not in " ".join(sentences(found.value))
+
+
+def test_few_frames_of_a_clip_are_kept_whatever_is_asked_for(tmp_path, monkeypatch):
+    service = open_service(settings_in(tmp_path))
+
+    async def still(service, *words):
+        Path(words[-1].removeprefix("--out=")).write_text(words[-2])
+
+    monkeypatch.setattr(running, "files_of", lambda service, video: [SimpleNamespace(path="clip")])
+    monkeypatch.setattr(running, "brought", lambda service, video, path: tmp_path / "clip")
+    monkeypatch.setattr(running, "linktwin", still)
+    for k in range(20):
+        shown = asyncio.run(running.first_frame(service, "a", 0.5 * k))
+        assert shown.read_text() == f"--from={0.5 * k}"
+        os.utime(shown, (k, k))
+    other = asyncio.run(running.first_frame(service, "b"))
+    assert len(list(other.parent.glob("frame-a-*"))) == running.MOST_FRAMES
+    assert asyncio.run(running.first_frame(service, "a", 9.5)).exists()
+    service.close()
 
 
 def test_a_mesh_that_was_not_sent_is_not_asked_for():

@@ -305,6 +305,8 @@ def test_a_clip_is_tracked_with_all_that_the_command_takes(client, drawing):
         ({"bed": [{**MARKS[0], "id": str(k)} for k in range(1001)]}, "1001 marks are above 1000"),
         ({"targets": dict.fromkeys(markers, "dotted")}, "targets"),
         ({"targets": dict.fromkeys(markers, "texture:2")}, "5 pixels or more"),
+        ({"targets": dict.fromkeys(markers, f"texture:{10**30}")}, "at most 10000"),
+        ({"targets": {f"{k}" * 300: 3 for k in range(1000)}}, "the same tag"),
         ({"targets": {markers[0]: "dark", markers[1]: 3}}, "measured in one way"),
         ({"targets": dict.fromkeys(markers, 3)}, "the same tag"),
         ({"targets": {markers[0]: True}}, "targets"),
@@ -316,6 +318,7 @@ def test_a_clip_is_tracked_with_all_that_the_command_takes(client, drawing):
     ]:
         document = refused(client.post("/api/v1/jobs", json={**asked, **wrong}), 422, "invalid")
         assert says in " ".join([document["detail"], *document.get("errors", [])]), document
+        assert len(json.dumps(document)) < 10_000  # whatever was sent
 
 
 def test_clicks_may_be_left_empty_and_are_counted(client, drawing):

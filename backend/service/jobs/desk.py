@@ -163,7 +163,7 @@ def _refuse_unknown_markers(request: TrackRequest, markers: list[str]) -> None:
     try:
         read_targets(request.targets, markers)
     except TrackingError as error:
-        raise Problem("invalid", str(error)) from None
+        raise Problem("invalid", str(error)[:2000]) from None
     if strangers := sorted(set(request.clicks or {}) - set(markers)):
         raise Problem(
             "invalid", f"Clicks name {', '.join(strangers)[:500]}; the drawing has {', '.join(markers) or 'no marker'}."

@@ -12,6 +12,7 @@ from backend.service.service import Service
 from backend.service.things import file_of, files_of
 
 LONGEST_S = 120.0
+MOST_FRAMES = 8  # kept of a clip
 _two = asyncio.Semaphore(2)  # at once
 
 
@@ -45,12 +46,18 @@ async def checked(service: Service, thing: str, drawing: str) -> dict[str, Any]:
 
 
 async def first_frame(service: Service, video: str, from_s: float = 0.0) -> Path:
-    """The first picture of a stored clip, or of what a player shows from a time on, as PNG in its own size."""
+    """The first picture of a stored clip, or of what a player shows from a time on, as PNG in its own size.
+
+    The latest few of each clip are kept.
+    """
     kept = place(service, f"frame-{video}-{from_s}.png")
     if not kept.exists():
         (film,) = files_of(service, video)
         path = await asyncio.to_thread(brought, service, video, film.path)
         await linktwin(service, "still", str(path), f"--from={from_s}", f"--out={kept}")
+        made = sorted(kept.parent.glob(f"frame-{video}-*.png"), key=lambda png: png.stat().st_mtime)
+        for old in made[:-MOST_FRAMES]:
+            old.unlink(missing_ok=True)
     return kept
 
 
