@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backend.diagnose.fitted import Fitted, Seer, fit, log_evidence, mean_square, start_of
-from backend.diagnose.latent import Latent, forces, left_over, neighbour_correlation, responses, studentised
+from backend.diagnose.fitted import Fitted, fit, log_evidence, mean_square, start_of
+from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.library import Candidate
-from backend.diagnose.noise import kind_of, strays
+from backend.diagnose.noise_learnt import remember, set_aside
 from backend.diagnose.probe import Probe
 from backend.diagnose.screen import EARLY, Screen, containing, screen, tuned
 from backend.diagnose.subject import Choice, Subject
@@ -24,8 +24,6 @@ from backend.mechanism.effect import kind_named
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
-CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is left
-MANY = 500  # neighbouring samples from which memory is bettered
 BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
 SWITCHES = 3  # causes of a kind that switches on, refitted
 GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
@@ -100,8 +98,8 @@ class Search:
         self.raw = raw = forces(self.subject, made)
         self.known = responses(self.subject, made, raw)
         if made.fraction == 1.0:
-            changed = self._set_aside(made)
-            if self._remember(made) or changed:
+            changed = set_aside(made, self.known)
+            if remember(made, self.known) or changed:
                 made = fit(self.subject, made.choice, start=made.x)
                 self.known = responses(self.subject, made, raw)
         return self._keep(made)
@@ -117,43 +115,6 @@ class Search:
             probe.correction = moved.correction
 
         self.subject.over(one, [*self.subject.fit, *self.subject.held_out])
-
-    def _remember(self, fitted: Fitted) -> bool:
-        """Better the noise's memory from all frames: still ones are few, and a little memory looks like slow forces."""
-        left = left_over(fitted, self.latent)
-        if not 0.5 < float(np.mean(left**2)) < CALM:
-            return False
-        seer = Seer(self.subject, fitted.probes, fitted.fraction)
-        kinds = {kind_of(c.at) for p in fitted.probes for c in p.data.channels}
-        changed = False
-        for kind in kinds:
-            follows = np.zeros(fitted.r.size, bool)
-            for p, white, rows in zip(fitted.probes, seer.white, seer.rows, strict=True):
-                channel, time = p.data.channel[white.keep], p.data.time_s[white.keep]
-                of = np.array([kind_of(c.at) == kind for c in p.data.channels])[channel]
-                gap = np.diff(time)
-                next_to = (np.diff(channel) == 0) & of[1:] & (gap < 1.5 * np.median(gap[gap > 0]))
-                follows[rows.start + 1 : rows.stop] = next_to
-            if follows.sum() < MANY:
-                continue
-            more = neighbour_correlation(fitted, self.latent, follows)
-            if abs(more) > 2.0 / np.sqrt(follows.sum()):
-                memory = self.subject.noise.memory
-                memory[kind] = float(np.clip(memory.get(kind, 0.0) + more, 0.0, 0.97))
-                changed = True
-        return changed
-
-    def _set_aside(self, fitted: Fitted) -> bool:
-        """Drop samples that no smooth cause could bring near; false where there are none, or too many to be chance."""
-        wrong = strays(studentised(fitted, self.latent))
-        if not wrong.any() or wrong.mean() > 0.05:
-            return False
-        seer = Seer(self.subject, fitted.probes, fitted.fraction)
-        for p, keep, white, rows in zip(fitted.probes, self.subject.noise.keep, seer.white, seer.rows, strict=True):
-            for i in white.keep[wrong[rows]]:  # a marker's coordinates stand or fall together
-                at = [c.at == p.data.channels[p.data.channel[i]].at for c in p.data.channels]
-                keep[(p.data.time_s == p.data.time_s[i]) & np.array(at)[p.data.channel]] = False
-        return True
 
     def follow(self, choice: Choice, start: np.ndarray | None = None) -> Fitted:
         """Fit over as much of the records as the choice can follow."""

@@ -1,0 +1,51 @@
+"""What the baseline's fit tells of the noise: its memory from all frames, and samples that nothing smooth explains."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.latent import Latent, left_over, neighbour_correlation, studentised
+from backend.diagnose.noise import kind_of, strays
+
+CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is left
+MANY = 500  # neighbouring samples from which memory is bettered
+
+
+def remember(fitted: Fitted, latent: Latent) -> bool:
+    """Better the noise's memory from all frames: still ones are few, and a little memory looks like slow forces."""
+    left = left_over(fitted, latent)
+    if not 0.5 < float(np.mean(left**2)) < CALM:
+        return False
+    seer = Seer(fitted.subject, fitted.probes, fitted.fraction)
+    kinds = {kind_of(c.at) for p in fitted.probes for c in p.data.channels}
+    changed = False
+    for kind in kinds:
+        follows = np.zeros(fitted.r.size, bool)
+        for p, white, rows in zip(fitted.probes, seer.white, seer.rows, strict=True):
+            channel, time = p.data.channel[white.keep], p.data.time_s[white.keep]
+            of = np.array([kind_of(c.at) == kind for c in p.data.channels])[channel]
+            gap = np.diff(time)
+            next_to = (np.diff(channel) == 0) & of[1:] & (gap < 1.5 * np.median(gap[gap > 0]))
+            follows[rows.start + 1 : rows.stop] = next_to
+        if follows.sum() < MANY:
+            continue
+        more = neighbour_correlation(fitted, latent, follows)
+        if abs(more) > 2.0 / np.sqrt(follows.sum()):
+            memory = fitted.subject.noise.memory
+            memory[kind] = float(np.clip(memory.get(kind, 0.0) + more, 0.0, 0.97))
+            changed = True
+    return changed
+
+
+def set_aside(fitted: Fitted, latent: Latent) -> bool:
+    """Drop samples that no smooth cause could bring near; false where there are none, or too many to be chance."""
+    wrong = strays(studentised(fitted, latent))
+    if not wrong.any() or wrong.mean() > 0.05:
+        return False
+    seer = Seer(fitted.subject, fitted.probes, fitted.fraction)
+    for p, keep, white, rows in zip(fitted.probes, fitted.subject.noise.keep, seer.white, seer.rows, strict=True):
+        for i in white.keep[wrong[rows]]:  # a marker's coordinates stand or fall together
+            at = [c.at == p.data.channels[p.data.channel[i]].at for c in p.data.channels]
+            keep[(p.data.time_s == p.data.time_s[i]) & np.array(at)[p.data.channel]] = False
+    return True
