@@ -108,7 +108,7 @@ class Climb:
             return best, last
         if refused:
             self._tell(f"held-out experiments refuse {' + '.join(best.names)}")
-        for cause in self.search.tuning(self.baseline):
+        for cause in self.search.tuning(self.baseline, best):
             if self._likelier(cause, best):
                 best, last = self._judged(cause)
         if self._settled(best, last):

@@ -34,7 +34,7 @@ REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
-ODDS = np.log(20.0)
+Wider = Mapping[str, Sequence[Candidate]]
 
 
 @dataclass(frozen=True)
@@ -190,14 +190,7 @@ class Search:
                     return None
         return made
 
-    def _widen(
-        self,
-        parent: Cause,
-        about: Screen,
-        wider: Mapping[str, Sequence[Candidate]],
-        fits: list[Fitted],
-        rival: Cause | None,
-    ) -> None:
+    def _widen(self, parent: Cause, about: Screen, wider: Wider, fits: list[Fitted], rival: Cause | None) -> None:
         """Fit the forms that contain the candidate that came out best; where one of them leaves much less, at all the
         other places too: the simpler form may have come out best at a wrong one.
         """
@@ -265,16 +258,20 @@ class Search:
             fits = [f for f in grown if f.miss < max(REACH, BEHIND * best)]
         return fits
 
-    def tuning(self, baseline: Cause) -> list[Cause]:
-        """Candidates with numbers that no slope leads to: the best of some values, then fitted."""
+    def tuning(self, baseline: Cause, rival: Cause) -> list[Cause]:
+        """Candidates with numbers that no slope leads to: the best of some values, then fitted.
+
+        rival: the best set, which they must come near on their way to whole records.
+        """
         made = []
         for candidate in self.subject.library.candidates:
             if candidate.sought and (candidate.name,) not in self.tried and not self.cancelled():
                 self.tell(f"trying {candidate.name}")
                 if values := tuned(self.screen(baseline), candidate):
                     choice = self.subject.choose(candidate)
-                    fitted = fit(self.subject, choice, start=_from(baseline.fitted, choice, values))
-                    if np.isfinite(fitted.chi2):
+                    x = _from(baseline.fitted, choice, values)
+                    fitted = self._near(rival, choice, x, self._horizons(rival))
+                    if fitted is not None and np.isfinite(fitted.chi2):
                         made.append(self._keep(fitted))
         return made
 
