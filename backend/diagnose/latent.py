@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.probe import Probe
-from backend.diagnose.subject import Subject, bumps_at
+from backend.diagnose.subject import ALIKE, Subject, bumps_at
 from backend.fit.measured import AXES
 
 SIZES = np.geomspace(0.3, 3e4, 11)  # sd of a bump, in sigmas of the data that it moves
@@ -45,7 +45,7 @@ class Latent:
         return self.places[place] * self.unit[place]
 
 
-def forces(subject: Subject, fitted: Fitted) -> list[Float[np.ndarray, "samples joints waves"]]:
+def forces(subject: Subject, fitted: Fitted, within: float = ALIKE) -> list[Float[np.ndarray, "samples joints waves"]]:
     """Response of every experiment's samples to each bump of force at each joint, before any whitening, about a fit or
     one that moves alike.
     """
@@ -54,7 +54,7 @@ def forces(subject: Subject, fitted: Fitted) -> list[Float[np.ndarray, "samples 
     def one(i: int) -> np.ndarray:
         return np.nan_to_num(fitted.probes[i].drive_slopes(fitted.values, fitted.own(i), joints))
 
-    return subject.alike("forces", fitted.r, lambda: subject.over(one, range(len(fitted.probes))))
+    return subject.alike("forces", fitted.r, lambda: subject.over(one, range(len(fitted.probes))), within)
 
 
 def responses(subject: Subject, fitted: Fitted, raw: Sequence[np.ndarray] | None = None) -> Latent:

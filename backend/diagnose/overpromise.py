@@ -12,6 +12,7 @@ from backend.diagnose.fitted import log_evidence
 from backend.diagnose.latent import evidence, log_mean
 from backend.diagnose.library import Candidate
 from backend.diagnose.screen import library_slopes
+from backend.diagnose.subject import SAME
 from backend.diagnose.unknown import without_causes
 from backend.diagnose.which import Cause
 
@@ -23,7 +24,7 @@ def overpromise(best: Cause, causes: Sequence[Cause], scale: float) -> float:
     order about one motion friction of one kind may leave less than the same friction leaves once it is fitted.
     """
     subject = best.fitted.subject
-    bare, S = scaled(without_causes(best.fitted), scale), library_slopes(best.fitted) / scale
+    bare, S = scaled(without_causes(best.fitted), scale), library_slopes(best.fitted, SAME) / scale
     count = len(subject.library.candidates)
 
     def weight(members: Sequence[Candidate], z: float) -> float:

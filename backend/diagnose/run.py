@@ -20,7 +20,7 @@ from backend.diagnose.overpromise import overpromise
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
 from backend.diagnose.softness import softness
-from backend.diagnose.subject import Subject, prepare
+from backend.diagnose.subject import SAME, Subject, prepare
 from backend.diagnose.unknown import unknown_evidence
 from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, place_evidence, shares
@@ -175,7 +175,7 @@ class _Inquiry:
         same = baseline if baseline.fitted.fraction == best.fitted.fraction else None
         count = len(self.subject.library.candidates)
         if best.candidates:
-            raw = forces(best.fitted.subject, best.fitted)
+            raw = forces(best.fitted.subject, best.fitted, SAME)
             near = responses(best.fitted.subject, best.fitted, raw)
             model_free = unknown_evidence(best.fitted, near, raw, self.scale / np.sqrt(soft))
         unknown = log_mean(list(model_free.values())) if model_free else None

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.library import Candidate
-from backend.diagnose.subject import Subject
+from backend.diagnose.subject import ALIKE, Subject
 
 DRAWS = 2000
 LARGE = 4.0  # noise variances a sample, left by a fit: beyond, first order holds for a while only
@@ -169,7 +169,7 @@ def screen(subject: Subject, fitted: Fitted) -> Screen:
     return replace(whole, early=_projected(subject, fitted, S[first], fitted.r[first], fitted.J[first]))
 
 
-def library_slopes(fitted: Fitted) -> Float[np.ndarray, "n parameters"]:
+def library_slopes(fitted: Fitted, within: float = ALIKE) -> Float[np.ndarray, "n parameters"]:
     """Whitened slopes of every parameter of the library, about a fit or one that moves alike."""
     subject = fitted.subject
     seer = Seer(subject, fitted.probes, fitted.fraction)
@@ -180,7 +180,7 @@ def library_slopes(fitted: Fitted) -> Float[np.ndarray, "n parameters"]:
     def sweep() -> np.ndarray:
         return np.concatenate(subject.over(one, range(len(fitted.probes))))
 
-    return subject.alike("library", fitted.r, sweep)
+    return subject.alike("library", fitted.r, sweep, within)
 
 
 def _projected(subject: Subject, fitted: Fitted, S: np.ndarray, r: np.ndarray, J: np.ndarray) -> Screen:

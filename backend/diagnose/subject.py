@@ -32,6 +32,9 @@ FEW_WAVES = (4, 8, 12, 16, 24, 32, 48)  # of which each is a program of its own
 PER_TIME = 1.6  # natural times between bumps
 ALL_WAVES = 512  # joints times bumps
 ALIKE = 0.2  # of the sum of squares that a motion leaves
+SAME = 1e-3
+"""Where a law has to account for all that causes do, the error of slopes about a motion that is ALIKE weighs more than
+what laws and causes differ by."""
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 
@@ -93,13 +96,13 @@ class Subject:
         sd = np.array([p.prior_sd for p in parameters], float)
         return Choice(tuple(candidates), tuple(parameters), np.concatenate([np.zeros((count, 0)), *ties], 1), sd)
 
-    def alike(self, what: str, r: Float[np.ndarray, " n"], make: Callable[[], Made]) -> Made:
-        """Slopes about a motion that leaves r, or about another that comes closer to it than it comes to the data:
-        to first order they say the same.
+    def alike(self, what: str, r: Float[np.ndarray, " n"], make: Callable[[], Made], within: float = ALIKE) -> Made:
+        """Slopes about a motion that leaves r, or about another whose distance from it is less than this share of its
+        distance from the data, in squares: to first order they say the same.
         """
         known = self.slopes.setdefault(what, [])
         for left, made in known:
-            if left.size == r.size and np.sum((left - r) ** 2) < ALIKE * (r @ r):
+            if left.size == r.size and np.sum((left - r) ** 2) < within * (r @ r):
                 return made
         known.append((r, make()))
         return known[-1][1]
