@@ -12,11 +12,11 @@ export default {
         <canvas ref="canvas" @pointerdown="down" @pointerup="picked" aria-hidden="true"></canvas>
         <div class="stage-names" ref="names" aria-hidden="true"></div>
         <div class="stage-scale" ref="scale" aria-hidden="true"><i></i><span></span></div>
-        <p v-if="trouble" class="stage-trouble" role="status">{{ trouble }}</p>
         <div class="stage-cameras" role="group" aria-label="View">
           <button v-for="view in views" :key="view.id" type="button" :title="view.title" @click="look(view.id)">{{ view.name }}</button>
         </div>
       </div>
+      <p v-if="trouble" class="stage-trouble" role="status">{{ trouble }}</p>
       <div v-if="motions.length" class="stage-bar">
         <button type="button" class="stage-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'" :aria-pressed="playing">
           <svg viewBox="0 0 16 16" aria-hidden="true"><path :d="playing ? 'M4 3h3v10H4zM9 3h3v10H9z' : 'M4 2.5v11l9-5.5z'"/></svg>

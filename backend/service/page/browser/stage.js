@@ -9,6 +9,7 @@ import { World } from "linktwin-page/world.js";
 const TONES = 8;
 const LONGEST = 0.34; // of the mechanism's size: the arrow of the largest force
 const SMALLEST = 0.02; // of the largest force: below it an arrow is left out
+const NOTHING_N = 1e-9; // forces below that are rounding errors, and no arrow
 const DRAWN = 0.32; // opacity of the drawing behind the twin
 
 export class Stage {
@@ -115,7 +116,7 @@ export class Stage {
     this.motion = sent ? new Motion(sent) : null;
     this.ghosts = null;
     this.dots = null;
-    this.arrows = null;
+    this.arrows = this.forceNow = null;
     if (!this.motion) return this.paint();
     const add = (object) => { this.world.scene.add(object); this.extra.push(object); return object; };
     if (sent.before) {
@@ -141,7 +142,8 @@ export class Stage {
       }));
       const sizes = Object.values(sent.forces_n).flatMap((f) => Array.from({ length: f.length / 3 }, (_, i) => Math.hypot(f[3 * i], f[3 * i + 1], f[3 * i + 2])));
       sizes.sort((a, b) => a - b);
-      this.largest = sizes[Math.floor(0.995 * (sizes.length - 1))] || 1; // a blow must not make all else invisible
+      this.largest = sizes[Math.floor(0.995 * (sizes.length - 1))] || 0; // a blow must not make all else invisible
+      this.largest = Math.max(this.largest, NOTHING_N);
     }
     this.reach();
     this.paint();
@@ -158,6 +160,8 @@ export class Stage {
         const box = new THREE.Box3().setFromObject(group);
         if (!box.isEmpty()) boxes.push(box);
       });
+      if (this.arrows) this.forces(at);
+      this.forceNow?.forEach(([, , tip]) => boxes.push(new THREE.Box3(tip, tip)));
     }
     this.moved = boxes;
     const whole = boxes.reduce((all, box) => all.union(box), new THREE.Box3());

@@ -171,5 +171,6 @@ export class World {
   close() {
     this.controls.dispose();
     this.renderer.dispose();
+    this.renderer.forceContextLoss(); // a browser grants sixteen; garbage keeps its own for a while
   }
 }
