@@ -14,7 +14,8 @@ from backend.observe.camera import Camera, Deviations, write_camera
 from backend.service.page import running
 from backend.service.page.access import share_token, shared_job
 from backend.service.page.bed_file import known
-from backend.service.page.clip_view import STICK, asked_for, ready, sentences
+from backend.service.page.clip_view import PLANES, STICK, asked_for, ready, sentences
+from backend.service.page.marked_before import marked_before
 from backend.service.page.runs import kind_of, released
 from backend.service.page.stage import on_stage, plane_of_motion
 from backend.service.problems import Problem
@@ -79,6 +80,7 @@ def test_the_plane_of_motion_is_seen(sample, plane):
 CORNERS = {"A": (0, 0, 10, 200), "B": (200, 0, 410, 200), "C": (200, 100, 410, 100), "D": (0, 100, 10, 100)}
 
 
+ID = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
 BENT = dict.fromkeys(("k1", "k2", "p1", "p2", "k3"), 0.0)
 CAMERA = Camera(
     image_size_px=(640, 360), focal_px=(900.0, 901.0), centre_px=(320.0, 180.0), **BENT, views=12, coverage=0.7,
@@ -102,38 +104,53 @@ def pointed(marks="", ends=0, tagged=0, length=None, carried=None, **typed):
 
 
 def test_what_was_pointed_out_becomes_the_job_that_was_meant():
-    id = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
     assert not ready(pointed("ABC")["points"])
     assert not ready(pointed("ABC", ends=1)["points"])
     for given in (pointed("ABCD"), pointed(ends=2)):
         assert ready(given["points"])
-    plain = asked_for(id, id, pointed("ABCD", height="2.5"))
+    plain = asked_for(ID, ID, pointed("ABCD", height="2.5"))
     assert plain.bed["marks"][1] == {"id": "B", "x_m": 0.2, "y_m": 0.0, "x_px": 410, "y_px": 200}
     assert (plain.bed["marker_height_m"], plain.targets, plain.from_s, plain.to_s) == (0.0025, None, 0.0, None)
     typed = {"way": "texture", "reach": "40", "from": "1.5", "to": "4", "rate": "240", "length": 500}
-    part = asked_for(id, id, pointed(ends=2, **typed))
+    part = asked_for(ID, ID, pointed(ends=2, **typed))
     assert part.bed["stick"] == {"a_px": (5.0, 7.0), "b_px": (105.0, 7.0), "length_m": 0.5, "origin_px": None}
     assert part.bed["plane"]["y_axis"] == (0.0, 0.0, 1.0)
     assert part.targets == {"middle": "texture:40", "bob": "texture:40"}
     assert part.clicks == {"bob": (3.0, 3.0)}
     assert (part.from_s, part.to_s, part.filmed_per_s) == (1.5, 4.0, 240.0)
-    assert asked_for(id, id, pointed("ABCD", way="dark")).targets == {"middle": "dark", "bob": "dark"}
+    assert asked_for(ID, ID, pointed("ABCD", way="dark")).targets == {"middle": "dark", "bob": "dark"}
 
 
 def test_tags_a_camera_and_a_bed_file_come_to_the_tracker_as_they_are(tmp_path):
-    id = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
     assert not ready(pointed("AB", tagged=1)["points"])
     assert ready(pointed("AB", tagged=2)["points"])
-    tagged = asked_for(id, id, pointed(tagged=4, way="tag", carried=20))
+    tagged = asked_for(ID, ID, pointed(tagged=4, way="tag", carried=20))
     assert tagged.bed["tags"][2] == {"id": 2, "x_m": 0.2, "y_m": 0.0}
     assert tagged.targets == {"middle": 21, "bob": 20}
     write_camera(CAMERA, tmp_path / "camera.json")
     bed = {"tags": tagged.bed["tags"], "camera": "camera.json", "readout_s": 0.01}
     (tmp_path / "bed.json").write_text(json.dumps(bed))
     brought = dict(known(name, tmp_path / name) for name in ("camera.json", "bed.json"))
-    found = asked_for(id, id, pointed(**brought)).bed
+    found = asked_for(ID, ID, pointed(**brought)).bed
     assert found["camera"]["focal_px"] == [900.0, 901.0]
     assert (found["readout_s"], found["plane"]["y_axis"]) == (0.01, (0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        pointed("ABCD", height="2.5", focal="900"),
+        pointed("CD", tagged=2, way="tag", carried=20, camera="700"),
+        pointed(ends=2, length=940, way="texture", reach="40", **{"from": "1.5", "to": "4", "rate": "240"}),
+        pointed(bed_file={"marks": asked_for(ID, ID, pointed("ABCD")).bed["marks"], "readout_s": 0.01}),
+        pointed("ABCD", camera_file=json.loads(CAMERA.model_dump_json()), plane="yz", keep=True),
+    ],
+)
+def test_a_clip_that_is_marked_again_has_what_was_said_of_it_before(given):
+    asked = asked_for(ID, ID, given).model_dump(mode="json")
+    again = marked_before(asked, pointed(), PLANES)
+    assert "bed_file" in again or ready(again["points"])
+    assert asked_for(ID, ID, again).model_dump(mode="json") == asked
 
 
 @pytest.mark.parametrize(("text", "says"), [("{", "not JSON"), ("{}", "neither"), ('{"focal_px": 1}', "no camera")])
@@ -157,9 +174,8 @@ def test_a_file_that_is_neither_camera_nor_bed_is_refused(tmp_path, text, says):
     ],
 )
 def test_what_cannot_be_meant_is_said_in_a_sentence(given, says):
-    id = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
     with pytest.raises(ValueError, match=says) as found:
-        asked_for(id, id, given)
+        asked_for(ID, ID, given)
     assert "validation error" not in " ".join(sentences(found.value))
 
 

@@ -50,6 +50,7 @@ def bed_files(service: Service, given: dict[str, Any], changed: Callable[[], Non
         taken,
         primary=False,
     )
+    show()
 
 
 def known(name: str, path: Path) -> tuple[str, dict[str, Any]]:

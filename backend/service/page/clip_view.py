@@ -7,11 +7,12 @@ from typing import Any
 from nicegui import ui
 from pydantic import ValidationError
 
-from backend.service.jobs.desk import start_job
+from backend.service.jobs.desk import find_job, start_job
 from backend.service.jobs.requests import TrackRequest
 from backend.service.mechanisms import load_mechanism
 from backend.service.page.bed_file import bed_files
 from backend.service.page.late import ROOT
+from backend.service.page.marked_before import marked_before
 from backend.service.page.markup import button, choice, enable, field, notice, tag, tick
 from backend.service.page.pointing import Pointing
 from backend.service.page.shell import page, tell, view
@@ -37,8 +38,8 @@ PLANES = {
 
 
 @page("/mechanisms/{id}/clips/{video}")
-def clip_view(service: Service, owner: str, id: str, video: str) -> None:
-    """Point at the marks, say where they are, start the tracker."""
+def clip_view(service: Service, owner: str, id: str, video: str, again: str = "") -> None:
+    """Point at the marks, say where they are, start the tracker. again: a job whose answers stand there already."""
     thing, clip = find_thing(service, owner, "mechanism", id), find_thing(service, owner, "video", video)
     mechanism = load_mechanism(service, owner, id)
     corners = ((0.0, 0.0), (200.0, 0.0), (200.0, 100.0), (0.0, 100.0))
@@ -53,6 +54,9 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
         "points": {"marks": marks, "tags": tags, "stick": stick, "dots": dots}, "plane": _plane(mechanism), "way": "",
         "markers": [marker.id for marker in mechanism.markers],
     }  # fmt: skip
+    if again and (job := find_job(service, owner, again)).kind == "track":
+        given = marked_before(job.request, given, PLANES)
+    points = given["points"]
     trail = [("Mechanisms", "/"), (thing.name, f"/mechanisms/{id}"), ("Measure", f"/mechanisms/{id}/measure")]
     with view(clip.name, trail, now="/"):
         with tag("div", look="headline"):
@@ -83,23 +87,20 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
             given["from"] = text
             pointing.show(_frame(video, text))
 
-        pointing = Pointing(_frame(video, ""), marks, tags, stick, dots, told)
+        def number(label: str, key: str, left_alone: str = "", **limits: str) -> None:
+            value = given.get(key, left_alone)
+            field(label, value, lambda text: given.update({key: text}), "number", **{"step": "any", **limits})
+
+        pointing = Pointing(_frame(video, given.get("from", "")), points, told)
+        pointing.tag_dots(given["way"] == "tag")
         tag("h2", "What is followed")
         with tag("div", look="fields"):
-            choice("what shows a marker", list(WAYS.items()), "", follow)
-            field(
-                "of a surface: pixels round about", "10", lambda t: given.update(reach=t), "number", min="5", step="1"
-            )
-            field("from [s], as a player shows it", "", begin, "number", "change", min="0", step="any")
-            field("to [s]", "", lambda t: given.update(to=t), "number", min="0", step="any")
-            field(
-                "filmed at [frames/s], if slow motion",
-                "",
-                lambda t: given.update(rate=t),
-                "number",
-                min="1",
-                step="any",
-            )
+            choice("what shows a marker", list(WAYS.items()), given["way"], follow)
+            number("of a surface: pixels round about", "reach", "10", min="5", step="1")
+            begins = given.get("from", "")
+            field("from [s], as a player shows it", begins, begin, "number", "change", min="0", step="any")
+            number("to [s]", "to", min="0")
+            number("filmed at [frames/s], if slow motion", "rate", min="1")
         tag(
             "p",
             "Coloured areas need a click on one of them, a surface a click where each marker is and the drawing does "
@@ -111,10 +112,11 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
         with tag("div", look="fields"):
             options = [(key, words) for key, (words, _, _) in PLANES.items()]
             choice("how it lies", options, given["plane"], lambda key: given.update(plane=key))
-            field("camera above the bed [mm], if known", "", lambda t: given.update(camera=t), "number", min="1")
-            field("dots above the marks [mm], if known", "", lambda t: given.update(height=t), "number", step="any")
-            field("focal length [px], if calibrated", "", lambda t: given.update(focal=t), "number", min="1")
-        tick("The clip ends too early: measure what can be read", False, lambda on: given.update(keep=on))
+            number("camera above the bed [mm], if known", "camera", min="1")
+            number("dots above the marks [mm], if known", "height")
+            number("focal length [px], if calibrated", "focal", min="1")
+        keep = given.get("keep", False)
+        tick("The clip ends too early: measure what can be read", keep, lambda on: given.update(keep=on))
         tag(
             "p",
             "Without a focal length the picture is taken for flat: good where the dots lie in the plane of the marks "

@@ -162,8 +162,11 @@ def _finished(service: Service, job: Job, name: str, shared: str = "") -> None:
     if job.state == "failed":
         notice((job.message or "It ended without a word; ask again.",), "bad", "It did not succeed")
         if not shared:
-            clip = f"/mechanisms/{job.request['mechanism']}/clips/{job.request['video']}" if job.kind == "track" else ""
-            link("Mark the clip again" if clip else "Back", clip or _subject(service, job)[1], "act primary")
+            if job.kind == "track":
+                clip = f"/mechanisms/{job.request['mechanism']}/clips/{job.request['video']}?again={job.id}"
+                link("Mark the clip again", clip, "act primary")
+            else:
+                link("Back", _subject(service, job)[1], "act primary")
     _show(service, job, there, base, shared)
     results.file_list(service, job, base)
     if not shared:

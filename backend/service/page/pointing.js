@@ -46,10 +46,10 @@ export default {
         <div class="pointing-zoom"><button type="button" @click="zoom(1.5)" aria-label="Larger">+</button><button type="button" @click="zoom(1 / 1.5)" aria-label="Smaller">−</button><button type="button" @click="whole">whole</button></div>
       </div>
     </div>`,
-  props: { picture: String, marks: Array, tags: Array, stick: Array, dots: Array, tagged: Boolean },
+  props: { picture: String, points: Object, tagged: Boolean },
   emits: ["points"],
   data() {
-    return { mode: "marks", active: null, trouble: "", own: { length_mm: null, marks: this.marks.map((m) => ({ ...m })), tags: this.tags.map((t) => ({ ...t })), stick: this.stick.map((s) => ({ ...s })), dots: this.dots.map((d) => ({ ...d })) } };
+    return { mode: "marks", active: null, trouble: "", own: JSON.parse(JSON.stringify({ length_mm: null, ...this.points })) };
   },
   computed: {
     kinds() { return [{ id: "marks", name: "Marks", points: this.own.marks }, { id: "tags", name: "Tags", points: this.own.tags }, { id: "stick", name: "A length", points: this.own.stick }, { id: "dots", name: "Dots", points: this.own.dots }]; },

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from nicegui.element import Element
@@ -18,18 +18,12 @@ class Pointing(Element, component="pointing.js"):
     def __init__(
         self,
         picture: str,
-        marks: Sequence[dict[str, Any]],
-        tags: Sequence[dict[str, Any]],
-        stick: Sequence[dict[str, Any]],
-        dots: Sequence[dict[str, Any]],
+        points: Mapping[str, Any],
         told: Callable[[dict[str, Any]], None],
     ) -> None:
         super().__init__()
         self._props["picture"] = picture
-        self._props["marks"] = list(marks)
-        self._props["tags"] = list(tags)
-        self._props["stick"] = list(stick)
-        self._props["dots"] = list(dots)
+        self._props["points"] = dict(points)
         self.on("points", lambda event: told(event.args))
 
     def tag_dots(self, on: bool) -> None:
