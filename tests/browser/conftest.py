@@ -42,7 +42,13 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str]
     key = _key(folder)
     draw_meshes(ROOT / "samples" / "pendulum", folder / "scratch" / "page" / "sample-pendulum")
     command = [sys.executable, "-c", "from backend.cli import main; main()"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKTWIN_STALL_S": "120", "LINKTWIN_REQUIRE_KEYS": "1"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "LINKTWIN_STALL_S": "120",
+        "LINKTWIN_POLL_S": "0.1",
+        "LINKTWIN_REQUIRE_KEYS": "1",
+    }
     if not SLOW:
         jobs = [sys.executable, str(Path(__file__).parent / "job_command.py")]
         environment["LINKTWIN_JOB_COMMAND"] = json.dumps(jobs)

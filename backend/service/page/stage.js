@@ -40,7 +40,7 @@ export default {
     shown: { twin: true, drawing: true, seen: true, trails: true, joints: true, names: true, forces: true },
   }),
   watch: {
-    playing(now) { if (!now) { this.stage.world.sharpen(1); this.ask(); } },
+    playing(now) { if (!now) { this.stage.world.sharpen(); this.ask(); } },
   },
   computed: {
     views() {
@@ -140,6 +140,7 @@ export default {
       this.show(time_s);
       this.draw();
       this.stamps.push(now);
+      this.$el.drawn = (this.$el.drawn ?? 0) + 1;
       this.busy.push(performance.now() - began);
       if (this.stamps.length > KEPT) { this.stamps.shift(); this.busy.shift(); }
       requestAnimationFrame(this.advance);
