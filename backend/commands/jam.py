@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -75,6 +74,7 @@ def jam(
 
 def _once(asked: Asked, file: Path, out: Path | None, answer: Answer) -> None:
     """One drawing from its pose, or every experiment of a study from its own start."""
+    from backend.mechanism.jam_report import run_folder
     from backend.mechanism.read import is_study, read_mechanism, read_study
     from backend.report.jam_page import write_jam_page
     from backend.report.jam_summary import jam_evidence, jam_text
@@ -95,7 +95,7 @@ def _once(asked: Asked, file: Path, out: Path | None, answer: Answer) -> None:
             found = {"": jam_drawing(drawn, asked.from_pose_s, asked.step_s, progress=counting(advance))}
     reports, said = {}, []
     for experiment, one in found.items():
-        place = folder / re.sub(r"[^\w.-]+", "_", experiment).lstrip(".") if experiment else folder
+        place = folder / run_folder(experiment) if experiment else folder
         reports[experiment] = one.report.model_dump(mode="json")
         write_json(reports[experiment], place / "jam.json")
         evidence = jam_evidence(one)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -88,3 +89,8 @@ class JamReport(Part):
     creep_ratio: Numbers
     result: str = "done"
     reactions: dict[str, JointReaction]
+
+
+def run_folder(experiment: str) -> str:
+    """Where the report of one experiment lies among those of its study."""
+    return re.sub(r"[^\w.-]+", "_", experiment).lstrip(".")

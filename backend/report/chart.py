@@ -16,6 +16,7 @@ from backend.report.svg import element, joined, path
 
 WIDTH, HEIGHT = 520, 250
 LEFT, RIGHT, TOP, BOTTOM = 66, 10, 12, 40
+LETTER = 7.5  # width of one, of the numbers under an axis
 COLUMNS = WIDTH - LEFT - RIGHT
 
 Style = Literal["line", "dashed", "points", "cloud"]
@@ -138,7 +139,9 @@ class _Axes:
         for x, text in zip(*ticks(self.x0, self.x1, 6), strict=True):
             at = float(self.px(x))
             parts.append(element("path", class_="grid", d=f"M{at:.1f} {TOP}V{bottom}"))
-            parts.append(element("text", text, x=at, y=bottom + 15, text_anchor="middle"))
+            inside = at + LETTER * len(text) / 2 < WIDTH
+            place, anchor = (at, "middle") if inside else (WIDTH, "end")
+            parts.append(element("text", text, x=place, y=bottom + 15, text_anchor=anchor))
         for y, text in zip(*self._y_ticks(), strict=True):
             at = float(self.py(y))
             parts.append(element("path", class_="grid", d=f"M{LEFT} {at:.1f}H{right}"))

@@ -52,9 +52,12 @@ def cautions(report: JamReport) -> list[str]:
 def key_figures(report: JamReport) -> list[tuple[str, str]]:
     """The numbers at the top of the page, each with what it means."""
     margin = report.margin
-    jammed = ("jammed" if report.jammed else "not jammed", report.cause.replace("_", " "))
-    onset = (f"{shown(report.onset_s, 4)} s" if report.onset_s is not None else "never", "at rest since")
-    known = [jammed, onset]
+    if report.jammed:
+        known = [("jammed", report.cause.replace("_", " "))]
+    else:
+        known = [("not jammed", f"in {shown(report.time_s[-1] - report.time_s[0])} s of motion")]
+    if report.onset_s is not None:
+        known.append((f"{shown(report.onset_s, 4)} s", "at rest since"))
     if report.cause in ("friction_lock", "insufficient_drive"):
         known.append((f"× {shown(margin.drive_factor)}" if margin.drive_factor else "none", "drive that frees it"))
         freeing = f"× {shown(margin.friction_factor)}" if margin.friction_factor is not None else "none"

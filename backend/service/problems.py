@@ -61,7 +61,7 @@ class Problem(Exception):
 
 def not_found(what: str, id: str) -> Problem:
     """Nothing of that id is the asker's; whether it is somebody else's is not said."""
-    return Problem("not-found", f"There is no {what} {id[:80]!r} of yours; GET the list to see what there is.")
+    return Problem("not-found", f"There is no {what} {id[:80]!r} of yours; list them to see what there is.")
 
 
 def phrase(status: int) -> str:

@@ -10,10 +10,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
 
+from backend.service.keys import make_key
+from backend.service.service import open_service
+from backend.service.settings import Settings
 from tests.browser.meshes import draw_meshes
 
 ROOT = Path(__file__).parents[2]
@@ -24,19 +28,27 @@ FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
     "--disable-background-networking",
 )  # fmt: skip
+COOKIE = "linktwin_key"
 PATIENCE_MS = 60_000  # a browser without a graphics card, beside other work
 SLOW = os.environ.get("LINKTWIN_SLOW") == "1"
 
 
 @pytest.fixture(scope="session")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Where the page of a running service is: one web process, one worker, an empty data folder."""
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str]]:
+    """Where the page of a running service is, and a key to it: one web process, one worker, an empty data folder."""
     if CHROMIUM is None:
         pytest.skip("no Chromium on this machine: install the distribution's package `chromium`")
     folder = tmp_path_factory.mktemp("served")
+    key = _key(folder)
     draw_meshes(ROOT / "samples" / "pendulum", folder / "scratch" / "page" / "sample-pendulum")
     command = [sys.executable, "-c", "from backend.cli import main; main()"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKTWIN_STALL_S": "120"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "LINKTWIN_STALL_S": "120",
+        "LINKTWIN_POLL_S": "0.1",
+        "LINKTWIN_REQUIRE_KEYS": "1",
+    }
     if not SLOW:
         jobs = [sys.executable, str(Path(__file__).parent / "job_command.py")]
         environment["LINKTWIN_JOB_COMMAND"] = json.dumps(jobs)
@@ -51,11 +63,25 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
             assert told.startswith("serving"), (folder / "log.txt").read_text()
             page = told.split()[-1] + "/ui/"
             _until_it_answers(page, process)
-            yield page
+            yield page, key
         finally:
             process.terminate()
             process.wait(20)
             log.close()
+
+
+def _key(folder: Path) -> str:
+    service = open_service(Settings(data_folder=str(folder)))
+    try:
+        return make_key(service.database, "newcomer")[1]
+    finally:
+        service.close()
+
+
+@pytest.fixture(scope="session")
+def address(served) -> str:
+    """Where the page is."""
+    return served[0]
 
 
 def _until_it_answers(page: str, process: subprocess.Popen, within_s: float = 90.0) -> None:
@@ -70,7 +96,7 @@ def _until_it_answers(page: str, process: subprocess.Popen, within_s: float = 90
 
 
 @pytest.fixture(scope="session")
-def browser(address: str) -> Iterator:
+def browser(served) -> Iterator:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as play:
@@ -79,26 +105,40 @@ def browser(address: str) -> Iterator:
         opened.close()
 
 
+@pytest.fixture(scope="session")
+def window(browser, served) -> Callable:
+    """A fresh window of whoever has signed in; of a stranger where signed_in is False."""
+    address, key = served
+
+    def opened(signed_in: bool = True, **looks: Any):
+        made = browser.new_context(**looks)
+        made.set_default_timeout(PATIENCE_MS)
+        made.set_default_navigation_timeout(PATIENCE_MS)
+        if signed_in:
+            made.add_cookies([{"name": COOKIE, "value": key, "url": address}])
+        return made
+
+    return opened
+
+
 @pytest.fixture
-def visit(browser, address: str) -> Iterator[Callable]:
+def visit(window, address: str) -> Iterator[Callable]:
     """Open the page in a fresh window; at its end no script may have failed and nothing been fetched from elsewhere."""
     windows, faults = [], []
     here = address.split("/ui/")[0]
 
-    def open_page(path: str = "", width: int = 1280, height: int = 900, scheme: str = "light"):
-        window = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
-        window.set_default_timeout(PATIENCE_MS)
-        window.set_default_navigation_timeout(PATIENCE_MS)
-        page = window.new_page()
+    def open_page(path: str = "", width: int = 1280, height: int = 900, scheme: str = "light", **more: Any):
+        opened = window(viewport={"width": width, "height": height}, color_scheme=scheme, **more)
+        page = opened.new_page()
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("request", lambda request: faults.append(request.url) if _strange(request.url, here) else None)
         page.goto(address + path)
-        windows.append(window)
+        windows.append(opened)
         return page
 
     yield open_page
-    for window in windows:
-        window.close()
+    for opened in windows:
+        opened.close()
     assert faults == []
 
 

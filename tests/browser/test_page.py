@@ -14,7 +14,7 @@ from tests.browser.cost import spent_s
 
 PREPARED = Path(__file__).parent / "prepared"
 SAMPLE = Path(__file__).parents[2] / "samples" / "pendulum"
-PLAYED_MS = 3000
+PLAYED_MS = 1500
 FRAMES = """async (ms) => {
   const stage = document.querySelector(".stage"), play = stage.querySelector(".stage-play");
   play.click(); await new Promise((done) => setTimeout(done, ms)); play.click();
@@ -24,32 +24,26 @@ FRAMES = """async (ms) => {
 
 
 @pytest.fixture(scope="module")
-def study(browser, address) -> str:
+def study(window, address) -> str:
     """Path of the sample's study, opened the way a newcomer does."""
-    window = browser.new_context(viewport={"width": 1280, "height": 900})
-    window.set_default_timeout(90_000)
-    page = window.new_page()
-    page.goto(address)
-    page.click("[data-sample=pendulum]")
-    page.wait_for_url("**/studies/*")
-    path = page.url.split("/ui/")[1]
-    window.close()
-    return path
+    with window() as opened:
+        page = opened.new_page()
+        page.goto(address)
+        page.click("[data-sample=pendulum]")
+        page.wait_for_url("**/studies/*")
+        return page.url.split("/ui/")[1]
 
 
 @pytest.fixture(scope="module")
-def diagnosis(browser, address, study) -> str:
+def diagnosis(window, address, study) -> str:
     """Path of a finished diagnosis of it."""
-    window = browser.new_context(viewport={"width": 1280, "height": 900})
-    window.set_default_timeout(600_000 if SLOW else 90_000)
-    page = window.new_page()
-    page.goto(address + study)
-    page.get_by_role("button", name="Diagnose").click()
-    page.wait_for_url("**/jobs/*")
-    page.wait_for_selector(".badge")
-    path = page.url.split("/ui/")[1]
-    window.close()
-    return path
+    with window() as opened:
+        page = opened.new_page()
+        page.goto(address + study)
+        page.get_by_role("button", name="Diagnose").click()
+        page.wait_for_url("**/jobs/*")
+        page.wait_for_selector(".badge", timeout=600_000 if SLOW else 90_000)
+        return page.url.split("/ui/")[1]
 
 
 def test_a_newcomer_goes_from_a_sample_to_its_gap_report(visit, study, diagnosis):
@@ -61,7 +55,7 @@ def test_a_newcomer_goes_from_a_sample_to_its_gap_report(visit, study, diagnosis
     assert page.locator(".act.primary").count() == 1
     page.goto(page.url.replace(study, diagnosis))
     page.wait_for_selector(".stage[data-replay]")
-    report = json.loads((PREPARED / "gap.json").read_text())
+    report = json.loads((PREPARED / "diagnose" / "gap.json").read_text())
     told = page.locator("#content").inner_text()
     assert report["sentence"] in told
     assert "coulomb friction at pivot" in told
@@ -91,6 +85,52 @@ def test_the_motion_plays_in_the_browser_and_the_charts_follow(visit, diagnosis,
     assert 0.4 < float(clicked.removesuffix(" s")) < 1.6  # the middle of a chart from 0 to 2.25 s
     page.locator(".stage-view").press("Space")
     page.wait_for_function("was => document.querySelector('.stage output').textContent !== was", arg=clicked)
+
+
+def test_what_was_fitted_is_read_and_played_beside_what_was_measured(visit, study):
+    page = visit(study)
+    page.get_by_role("button", name="Fit", exact=True).click()
+    page.wait_for_url("**/jobs/*")
+    page.wait_for_selector(".stage[data-replay]")
+    (friction,) = json.loads((PREPARED / "fit" / "fit.json").read_text())["parameters"]
+    row = page.locator("tr", has_text="coulomb friction at pivot").inner_text()
+    assert "friction torque" in row
+    assert f"{1e3 * friction['value']:.3f}"[:4] in row
+    assert f"{1e3 * friction['ci95'][0]:.3f} … {1e3 * friction['ci95'][1]:.3f}" in row
+    assert page.locator(".stage-layers label").all_inner_texts()[:3] == ["fitted twin", "as drawn", "measured"]
+    before = page.locator(".stage output").inner_text()
+    page.locator(".stage-play").click()
+    page.wait_for_function("was => document.querySelector('.stage output').textContent !== was", arg=before)
+
+
+def test_a_jam_is_shown_where_it_holds_and_since_when(visit):
+    page = visit()
+    page.set_input_files("input[type=file]", PREPARED / "drawer.json")
+    page.wait_for_url("**/mechanisms/*")
+    page.get_by_role("button", name="Does it jam?").click()
+    page.wait_for_url("**/jobs/*")
+    page.wait_for_selector(".stage[data-replay]")
+    told = page.locator("#content").inner_text()
+    assert "Does drawer jam?" in told
+    assert json.loads((PREPARED / "jam" / "jam.json").read_text())["sentence"] in told
+    assert page.locator(".stage output").inner_text() == "0.002 s"  # it opens where it came to rest
+    assert page.locator(".stage-names .force").count() == 0  # what its joint carries is rounding error
+    page.goto(page.url.replace(page.url.split("/ui/")[1], "work"))
+    assert "drawer" in page.locator("table").inner_text()
+
+
+def test_whoever_has_a_key_signs_in_and_out(visit, served, study):
+    page = visit(signed_in=False)
+    page.get_by_label("API key").fill("lt_wrong")
+    page.get_by_role("button", name="Sign in").click()
+    page.get_by_text("unknown or was revoked").wait_for()
+    page.goto(page.url.split("?")[0] + study)
+    assert page.get_by_role("heading", name="Sign in").is_visible()
+    page.get_by_label("API key").fill(served[1])
+    page.get_by_role("button", name="Sign in").click()
+    page.locator(f"a[href$='{study}']").wait_for()
+    page.get_by_role("button", name="Sign out").click()
+    page.get_by_role("heading", name="Sign in").wait_for()
 
 
 def test_work_is_watched_and_cancelled(visit, tmp_path):
@@ -170,8 +210,10 @@ def test_what_is_wrong_with_a_drawing_is_said_with_its_remedy(visit, tmp_path):
     said = page.locator("[role=alert]").inner_text()
     assert '"lnk" is not a body' in said
     assert "link" in said
-    page.goto(page.url + "mechanisms/nowhere")
-    assert "To your mechanisms" in page.locator("#content").inner_text()
+    home = page.url
+    for lost in ("mechanisms/nowhere", "nowhere/at/all"):
+        page.goto(home + lost)
+        assert "To your mechanisms" in page.locator("#content").inner_text()
 
 
 def test_a_clip_is_marked_by_clicks_tracked_and_becomes_a_study(visit, tmp_path):

@@ -26,6 +26,8 @@ class LocalService(ThreadingHTTPServer):
         self.folders: list[dict[str, bytes]] = []
         self.requests: list[dict] = []
         self.repeat_keys: list[str | None] = []
+        self.upload_keys: list[str | None] = []
+        self.breaks = 0  # uploads to which no answer comes
         self.asked = 0
         self.cancelled = threading.Event()
         self.ends = "succeeded"
@@ -66,6 +68,11 @@ class Handler(BaseHTTPRequestHandler):
             parse_mechanism(json.loads(files["mechanism.json"]))
         except DrawingError as error:
             self._problem(422, "The drawing has faults.", error.problems)
+            return
+        self.server.upload_keys.append(self.headers["Idempotency-Key"])
+        if self.server.breaks:
+            self.server.breaks -= 1
+            self.close_connection = True
             return
         self.server.folders.append(files)
         self._answer(201, {"id": MECHANISM}, f"/api/v1/mechanisms/{MECHANISM}")

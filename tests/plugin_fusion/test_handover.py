@@ -56,6 +56,18 @@ def test_mechanism_and_meshes_arrive_and_what_fusion_said_stays_here(saved):
     assert told[-1]["page"] == f"{service.url}/ui/mechanisms/{MECHANISM}"
 
 
+def test_an_upload_whose_answer_was_lost_is_sent_again_under_its_key(saved, monkeypatch):
+    monkeypatch.setattr(room("lib.service"), "PAUSES_S", (0.0, 0.0))
+    with local_service() as service:
+        service.breaks = 2
+        assert handed_over(service.url, saved.folder)[-1]["step"] == "done"
+        handed_over(service.url, saved.folder)
+        first, *again, other = service.upload_keys
+    assert first
+    assert again == [first, first]
+    assert other != first, "another export of the same drawing is stored by itself"
+
+
 def test_the_upload_tells_its_share_from_the_first_to_the_last_byte(saved):
     (saved.folder / "meshes" / "large.stl").write_bytes(LARGE)
     with local_service() as service:

@@ -292,6 +292,29 @@ def test_the_longest_silent_connection_gives_way_to_one_more(opened):
         assert lines[-1].recv(100).startswith(b"HTTP/1.1 200")
 
 
+def test_heads_whose_bodies_do_not_come_give_way_too(opened):
+    service, _ = opened()
+    announced = b"POST /api/v1/mechanisms HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
+    announced += b"Content-Length: 5\r\n\r\n"
+    with asking(service, most_silent=20) as client, ExitStack() as stack:
+        address = urlsplit(str(client.base_url))
+
+        def waiting(begun: bytes) -> socket.socket:
+            line = stack.enter_context(socket.create_connection((address.hostname, address.port), timeout=20))
+            line.sendall(announced + begun)
+            return line
+
+        mute, begun = waiting(b""), waiting(b"{")
+        for _ in range(19):
+            waiting(b"")
+        assert mute.recv(1) == b""
+        begun.sendall(b"}   ")  # the last but one in coming, and heard of since
+        assert begun.recv(100).startswith(b"HTTP/1.1 4")
+        for _ in range(30):
+            waiting(b"{")
+        assert client.get("/health").status_code == 200
+
+
 def test_a_stream_of_events_may_last_longer_than_a_head_may_take(opened):
     _, client = opened(stall_s=0.5)
     drawn = client.post("/api/v1/mechanisms", content=FOURBAR.read_bytes(), headers=JSON).json()["id"]

@@ -1,6 +1,7 @@
 """Parts of the page that need no browser: releases read off tables, links that cannot be forged, planes of motion."""
 
 import asyncio
+import json
 import os
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,9 +10,12 @@ import numpy as np
 import pytest
 
 from backend.mechanism.read import read_mechanism
+from backend.observe.camera import Camera, Deviations, write_camera
 from backend.service.page import running
 from backend.service.page.access import share_token, shared_job
-from backend.service.page.clip_view import STICK, asked_for, ready, sentences
+from backend.service.page.bed_file import known
+from backend.service.page.clip_view import PLANES, STICK, asked_for, ready, sentences
+from backend.service.page.marked_before import marked_before
 from backend.service.page.runs import kind_of, released
 from backend.service.page.stage import on_stage, plane_of_motion
 from backend.service.problems import Problem
@@ -76,50 +80,102 @@ def test_the_plane_of_motion_is_seen(sample, plane):
 CORNERS = {"A": (0, 0, 10, 200), "B": (200, 0, 410, 200), "C": (200, 100, 410, 100), "D": (0, 100, 10, 100)}
 
 
-def pointed(marks="", ends=0, **typed):
+ID = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
+BENT = dict.fromkeys(("k1", "k2", "p1", "p2", "k3"), 0.0)
+CAMERA = Camera(
+    image_size_px=(640, 360), focal_px=(900.0, 901.0), centre_px=(320.0, 180.0), **BENT, views=12, coverage=0.7,
+    sd=Deviations(focal_px=(1.0, 1.0), centre_px=(1.0, 1.0), **BENT), reprojection_rms_px=0.1,
+    covariance=tuple(map(tuple, np.eye(9).tolist())),
+)  # fmt: skip
+
+
+def pointed(marks="", ends=0, tagged=0, length=None, carried=None, **typed):
     """What the view of a clip was given: so many marks and ends placed, and what was typed."""
     seen = [
         {"id": id, "x_mm": x, "y_mm": y, "x_px": u if id in marks else None, "y_px": v if id in marks else None}
         for id, (x, y, u, v) in CORNERS.items()
     ]
     stick = [{"id": id, "x_px": 5.0 + 100 * k if k < ends else None, "y_px": 7.0} for k, id in enumerate(STICK)]
-    points = {"marks": seen, "stick": stick, "dots": [{"id": "bob", "x_px": 3.0, "y_px": 4.0}]}
+    tags = [{"id": f"tag {n}", "number": n, "x_mm": 100.0 * n, "y_mm": 40.0 * (n % 2)} for n in range(tagged)]
+    both = (("middle", None, 21), ("bob", 3.0, carried))
+    dots = [{"id": id, "x_px": x, "y_px": x, "tag": tag} for id, x, tag in both]
+    points = {"marks": seen, "tags": tags, "stick": stick, "dots": dots, "length_mm": length}
     return {"points": points, "plane": "xz", "way": "", "markers": ["middle", "bob"], **typed}
 
 
 def test_what_was_pointed_out_becomes_the_job_that_was_meant():
-    id = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
     assert not ready(pointed("ABC")["points"])
     assert not ready(pointed("ABC", ends=1)["points"])
     for given in (pointed("ABCD"), pointed(ends=2)):
         assert ready(given["points"])
-    plain = asked_for(id, id, pointed("ABCD", height="2.5"))
+    plain = asked_for(ID, ID, pointed("ABCD", height="2.5"))
     assert plain.bed["marks"][1] == {"id": "B", "x_m": 0.2, "y_m": 0.0, "x_px": 410, "y_px": 200}
     assert (plain.bed["marker_height_m"], plain.targets, plain.from_s, plain.to_s) == (0.0025, None, 0.0, None)
-    typed = {"way": "texture", "reach": "40", "from": "1.5", "to": "4", "rate": "240", "length": "500"}
-    part = asked_for(id, id, pointed(ends=2, **typed))
+    typed = {"way": "texture", "reach": "40", "from": "1.5", "to": "4", "rate": "240", "length": 500}
+    part = asked_for(ID, ID, pointed(ends=2, **typed))
     assert part.bed["stick"] == {"a_px": (5.0, 7.0), "b_px": (105.0, 7.0), "length_m": 0.5, "origin_px": None}
     assert part.bed["plane"]["y_axis"] == (0.0, 0.0, 1.0)
     assert part.targets == {"middle": "texture:40", "bob": "texture:40"}
-    assert part.clicks == {"bob": (3.0, 4.0)}
+    assert part.clicks == {"bob": (3.0, 3.0)}
     assert (part.from_s, part.to_s, part.filmed_per_s) == (1.5, 4.0, 240.0)
-    assert asked_for(id, id, pointed("ABCD", way="dark")).targets == {"middle": "dark", "bob": "dark"}
+    assert asked_for(ID, ID, pointed("ABCD", way="dark")).targets == {"middle": "dark", "bob": "dark"}
+
+
+def test_tags_a_camera_and_a_bed_file_come_to_the_tracker_as_they_are(tmp_path):
+    assert not ready(pointed("AB", tagged=1)["points"])
+    assert ready(pointed("AB", tagged=2)["points"])
+    tagged = asked_for(ID, ID, pointed(tagged=4, way="tag", carried=20))
+    assert tagged.bed["tags"][2] == {"id": 2, "x_m": 0.2, "y_m": 0.0}
+    assert tagged.targets == {"middle": 21, "bob": 20}
+    write_camera(CAMERA, tmp_path / "camera.json")
+    bed = {"tags": tagged.bed["tags"], "camera": "camera.json", "readout_s": 0.01}
+    (tmp_path / "bed.json").write_text(json.dumps(bed))
+    brought = dict(known(name, tmp_path / name) for name in ("camera.json", "bed.json"))
+    found = asked_for(ID, ID, pointed(**brought)).bed
+    assert found["camera"]["focal_px"] == [900.0, 901.0]
+    assert (found["readout_s"], found["plane"]["y_axis"]) == (0.01, (0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        pointed("ABCD", height="2.5", focal="900"),
+        pointed("CD", tagged=2, way="tag", carried=20, camera="700"),
+        pointed(ends=2, length=940, way="texture", reach="40", **{"from": "1.5", "to": "4", "rate": "240"}),
+        pointed(bed_file={"marks": asked_for(ID, ID, pointed("ABCD")).bed["marks"], "readout_s": 0.01}),
+        pointed("ABCD", camera_file=json.loads(CAMERA.model_dump_json()), plane="yz", keep=True),
+    ],
+)
+def test_a_clip_that_is_marked_again_has_what_was_said_of_it_before(given):
+    asked = asked_for(ID, ID, given).model_dump(mode="json")
+    again = marked_before(asked, pointed(), PLANES)
+    assert "bed_file" in again or ready(again["points"])
+    assert asked_for(ID, ID, again).model_dump(mode="json") == asked
+
+
+@pytest.mark.parametrize(("text", "says"), [("{", "not JSON"), ("{}", "neither"), ('{"focal_px": 1}', "no camera")])
+def test_a_file_that_is_neither_camera_nor_bed_is_refused(tmp_path, text, says):
+    (tmp_path / "it.json").write_text(text)
+    with pytest.raises(Problem, match=says):
+        known("it.json", tmp_path / "it.json")
 
 
 @pytest.mark.parametrize(
     ("given", "says"),
     [
         (pointed(ends=2), "Type how long"),
-        (pointed(ends=2, length="0"), "greater than 0"),
+        (pointed(ends=2, length=0), "greater than 0"),
         (pointed("ABCD", **{"from": "4", "to": "2"}), "not before"),
         (pointed("ABCD", way="texture", reach="2"), "5 pixels or more"),
-        (pointed(ends=2, length="940", focal="900"), "stands in for marks"),
+        (pointed(ends=2, length=940, focal="900"), "stands in for marks"),
+        (pointed("ABCD", way="tag"), "which tag is on bob"),
+        (pointed(tagged=3), "Type how long"),
+        (pointed(bed_file={"tags": [], "camera": "camera.json"}), "names the camera camera.json"),
     ],
 )
 def test_what_cannot_be_meant_is_said_in_a_sentence(given, says):
-    id = "0b6d2f0e-6c1b-4a7e-9a53-0d7f6f1f3c55"
     with pytest.raises(ValueError, match=says) as found:
-        asked_for(id, id, given)
+        asked_for(ID, ID, given)
     assert "validation error" not in " ".join(sentences(found.value))
 
 

@@ -16,6 +16,7 @@ from backend.service.records import Job
 from backend.service.service import LOCAL, Service
 
 COOKIE = "linktwin_key"
+REFUSED = "refused"  # in the address of the view that asks again for a key
 SIGNED = 32  # characters of a link's signature: 128 bits
 
 
@@ -25,7 +26,9 @@ def owner_from(service: Service, request: Request) -> str:
         return LOCAL
     text = request.cookies.get(COOKIE)
     if not text:
-        raise Problem("no-key", "Sign in with your API key; whoever runs the service makes one with linktwin key make.")
+        if REFUSED in request.query_params:
+            raise Problem("no-key", "This API key is unknown or was revoked; ask whoever runs the service for one.")
+        raise Problem("no-key", "Sign in with your API key; whoever runs the service makes one with linktwin key new.")
     return owner_of(service.database, text)
 
 

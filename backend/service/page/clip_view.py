@@ -1,4 +1,4 @@
-"""One clip: what is known is pointed out in its first frame (marks, a length, doubtful dots); then it is tracked."""
+"""One clip: what is known is pointed out in its first frame (marks, tags, a length, doubtful dots); then tracked."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from typing import Any
 from nicegui import ui
 from pydantic import ValidationError
 
-from backend.service.jobs.desk import start_job
+from backend.service.jobs.desk import find_job, start_job
 from backend.service.jobs.requests import TrackRequest
 from backend.service.mechanisms import load_mechanism
+from backend.service.page.bed_file import bed_files
 from backend.service.page.late import ROOT
+from backend.service.page.marked_before import marked_before
 from backend.service.page.markup import button, choice, enable, field, notice, tag, tick
 from backend.service.page.pointing import Pointing
 from backend.service.page.shell import page, tell, view
@@ -25,6 +27,7 @@ WAYS = {
     "dark": "dots without a colour",
     "patch": "coloured areas of any shape",
     "texture": "nothing: follow the surface itself",
+    "tag": "printed tags",
 }
 STICK = ("one end", "other end", "origin")  # of the known length, and of the plane's coordinates
 PLANES = {
@@ -35,8 +38,8 @@ PLANES = {
 
 
 @page("/mechanisms/{id}/clips/{video}")
-def clip_view(service: Service, owner: str, id: str, video: str) -> None:
-    """Point at the marks, say where they are, start the tracker."""
+def clip_view(service: Service, owner: str, id: str, video: str, again: str = "") -> None:
+    """Point at the marks, say where they are, start the tracker. again: a job whose answers stand there already."""
     thing, clip = find_thing(service, owner, "mechanism", id), find_thing(service, owner, "video", video)
     mechanism = load_mechanism(service, owner, id)
     corners = ((0.0, 0.0), (200.0, 0.0), (200.0, 100.0), (0.0, 100.0))
@@ -44,12 +47,16 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
         {"id": name, "x_mm": x, "y_mm": y, "x_px": None, "y_px": None}
         for name, (x, y) in zip("ABCD", corners, strict=True)
     ]
-    dots = [{"id": marker.id, "x_px": None, "y_px": None} for marker in mechanism.markers]
+    tags = [{"id": f"tag {n}", "number": n, "x_mm": None, "y_mm": None} for n in range(LEAST)]
+    dots = [{"id": marker.id, "x_px": None, "y_px": None, "tag": None} for marker in mechanism.markers]
     stick = [{"id": name, "x_px": None, "y_px": None} for name in STICK]
     given: dict[str, Any] = {
-        "points": {"marks": marks, "stick": stick, "dots": dots}, "plane": _plane(mechanism), "way": "",
+        "points": {"marks": marks, "tags": tags, "stick": stick, "dots": dots}, "plane": _plane(mechanism), "way": "",
         "markers": [marker.id for marker in mechanism.markers],
     }  # fmt: skip
+    if again and (job := find_job(service, owner, again)).kind == "track":
+        given = marked_before(job.request, given, PLANES)
+    points = given["points"]
     trail = [("Mechanisms", "/"), (thing.name, f"/mechanisms/{id}"), ("Measure", f"/mechanisms/{id}/measure")]
     with view(clip.name, trail, now="/"):
         with tag("div", look="headline"):
@@ -58,7 +65,7 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
                 tag(
                     "p",
                     "The first frame to follow. Click on four known points of the bed, or on the ends of one known "
-                    "length; the tracker finds the dots by itself.",
+                    "length, or say where printed tags lie; the tracker finds tags and dots by itself.",
                     "soft",
                 )
             with tag("div", look="actions"):
@@ -67,57 +74,57 @@ def clip_view(service: Service, owner: str, id: str, video: str) -> None:
 
         def told(points: dict[str, Any]) -> None:
             given["points"] = points
-            enable(go, ready(points))
+            judge()
+
+        def judge() -> None:
+            enable(go, "bed_file" in given or ready(given["points"]))
+
+        def follow(way: str) -> None:
+            given["way"] = way
+            pointing.tag_dots(way == "tag")
 
         def begin(text: str) -> None:
             given["from"] = text
             pointing.show(_frame(video, text))
 
-        pointing = Pointing(_frame(video, ""), marks, stick, dots, told)
+        def number(label: str, key: str, left_alone: str = "", **limits: str) -> None:
+            value = given.get(key, left_alone)
+            field(label, value, lambda text: given.update({key: text}), "number", **{"step": "any", **limits})
+
+        pointing = Pointing(_frame(video, given.get("from", "")), points, told)
+        pointing.tag_dots(given["way"] == "tag")
         tag("h2", "What is followed")
         with tag("div", look="fields"):
-            choice("what shows a marker", list(WAYS.items()), "", lambda way: given.update(way=way))
-            field(
-                "of a surface: pixels round about", "10", lambda t: given.update(reach=t), "number", min="5", step="1"
-            )
-            field("from [s], as a player shows it", "", begin, "number", "change", min="0", step="any")
-            field("to [s]", "", lambda t: given.update(to=t), "number", min="0", step="any")
-            field(
-                "filmed at [frames/s], if slow motion",
-                "",
-                lambda t: given.update(rate=t),
-                "number",
-                min="1",
-                step="any",
-            )
+            choice("what shows a marker", list(WAYS.items()), given["way"], follow)
+            number("of a surface: pixels round about", "reach", "10", min="5", step="1")
+            begins = given.get("from", "")
+            field("from [s], as a player shows it", begins, begin, "number", "change", min="0", step="any")
+            number("to [s]", "to", min="0")
+            number("filmed at [frames/s], if slow motion", "rate", min="1")
         tag(
             "p",
             "Coloured areas need a click on one of them, a surface a click where each marker is and the drawing does "
-            "not show it. Begin where everything is in view; the clicks belong to the frame shown.",
+            "not show it, tags their numbers: all under Dots. Begin where everything is in view; the clicks belong to "
+            "the frame shown.",
             "note",
         )
         tag("h2", "The plane of the marks")
         with tag("div", look="fields"):
             options = [(key, words) for key, (words, _, _) in PLANES.items()]
             choice("how it lies", options, given["plane"], lambda key: given.update(plane=key))
-            field("camera above the bed [mm], if known", "", lambda t: given.update(camera=t), "number", min="1")
-            field("dots above the marks [mm], if known", "", lambda t: given.update(height=t), "number", step="any")
-            field("focal length [px], if calibrated", "", lambda t: given.update(focal=t), "number", min="1")
-            field(
-                "the known length [mm], in place of marks",
-                "",
-                lambda t: given.update(length=t),
-                "number",
-                min="0",
-                step="any",
-            )
-        tick("The clip ends too early: measure what can be read", False, lambda on: given.update(keep=on))
+            number("camera above the bed [mm], if known", "camera", min="1")
+            number("dots above the marks [mm], if known", "height")
+            number("focal length [px], if calibrated", "focal", min="1")
+        keep = given.get("keep", False)
+        tick("The clip ends too early: measure what can be read", keep, lambda on: given.update(keep=on))
         tag(
             "p",
             "Without a focal length the picture is taken for flat: good where the dots lie in the plane of the marks "
             "and the camera looks square at it. With one known length alone that must be so, and the picture level.",
             "note",
         )
+        tag("h2", "Calibrated before")
+        bed_files(service, given, judge)
 
         def start() -> None:
             try:
@@ -144,9 +151,14 @@ def _placed(point: dict[str, Any]) -> bool:
     return all(isinstance(point.get(along), int | float) for along in ("x_px", "y_px"))
 
 
+def _typed(point: dict[str, Any]) -> bool:
+    return all(isinstance(point.get(along), int | float) for along in ("x_mm", "y_mm"))
+
+
 def ready(points: dict[str, Any]) -> bool:
-    """Whether enough is placed to know where things are: marks, or both ends of a length."""
-    return sum(_placed(mark) for mark in points["marks"]) >= LEAST or all(_placed(end) for end in points["stick"][:2])
+    """Whether enough is known of where things are: marks and tags, or both ends of a length."""
+    known = sum(_placed(mark) for mark in points["marks"]) + sum(_typed(tag) for tag in points["tags"])
+    return known >= LEAST or all(_placed(end) for end in points["stick"][:2])
 
 
 def _frame(video: str, from_s: str) -> str:
@@ -172,7 +184,12 @@ def asked_for(mechanism: str, video: str, given: dict[str, Any]) -> TrackRequest
     """The job that was asked for; ValueError for numbers that are none."""
     points = given["points"]
     _, x_axis, y_axis = PLANES[given["plane"]]
-    bed: dict[str, Any] = {"plane": {"x_axis": x_axis, "y_axis": y_axis}, **_scale(points, given.get("length"))}
+    known = given["bed_file"] if "bed_file" in given else _scale(points)
+    bed: dict[str, Any] = {"plane": {"x_axis": x_axis, "y_axis": y_axis}, **known}
+    if "camera_file" in given:
+        bed["camera"] = given["camera_file"]
+    elif isinstance(name := bed.get("camera"), str):
+        raise ValueError(f"The bed file names the camera {name}; bring that file too.")
     if height := given.get("height"):
         bed["marker_height_m"] = 1e-3 * float(height)
     if focal := given.get("focal"):
@@ -184,7 +201,11 @@ def asked_for(mechanism: str, video: str, given: dict[str, Any]) -> TrackRequest
     asked["keep_truncated"] = bool(given.get("keep"))
     if clicks:
         asked["clicks"] = clicks
-    if way := given["way"]:
+    if given["way"] == "tag":
+        if bare := [dot["id"] for dot in points["dots"] if not isinstance(dot.get("tag"), int)]:
+            raise ValueError(f"Type under Dots which tag is on {', '.join(bare)}.")
+        asked["targets"] = {dot["id"]: dot["tag"] for dot in points["dots"]}
+    elif way := given["way"]:
         word = f"texture:{given['reach']}" if way == "texture" and given.get("reach") else way
         asked["targets"] = dict.fromkeys(given["markers"], word)
     for field_of, key in (("from_s", "from"), ("to_s", "to"), ("filmed_per_s", "rate")):
@@ -193,19 +214,22 @@ def asked_for(mechanism: str, video: str, given: dict[str, Any]) -> TrackRequest
     return TrackRequest.model_validate(asked)
 
 
-def _scale(points: dict[str, Any], length: str | None) -> dict[str, Any]:
-    """Marks, or where there are too few of them the stick: what the bed file says of the places in the picture."""
+def _scale(points: dict[str, Any]) -> dict[str, Any]:
+    """Marks and tags, or where there are too few of them the stick: what the bed file says of known places."""
     marks = [mark for mark in points["marks"] if _placed(mark)]
-    if len(marks) < LEAST:
-        if not length:
+    tags = [tag for tag in points["tags"] if _typed(tag)]
+    if len(marks) + len(tags) < LEAST:
+        length = points.get("length_mm")
+        if not isinstance(length, int | float):
             raise ValueError("Type how long the known length is, in mm; or click on four marks.")
         a, b, origin = ((point["x_px"], point["y_px"]) if _placed(point) else None for point in points["stick"])
-        return {"stick": {"a_px": a, "b_px": b, "length_m": 1e-3 * float(length), "origin_px": origin}}
-    if bad := [mark["id"] for mark in marks if not all(isinstance(mark[k], int | float) for k in ("x_mm", "y_mm"))]:
+        return {"stick": {"a_px": a, "b_px": b, "length_m": 1e-3 * length, "origin_px": origin}}
+    if bad := [mark["id"] for mark in marks if not _typed(mark)]:
         raise ValueError(f"Type where {', '.join(bad)} lies on the bed, in mm.")
     return {
         "marks": [
             {"id": m["id"], "x_m": 1e-3 * m["x_mm"], "y_m": 1e-3 * m["y_mm"], "x_px": m["x_px"], "y_px": m["y_px"]}
             for m in marks
-        ]
+        ],
+        "tags": [{"id": t["number"], "x_m": 1e-3 * t["x_mm"], "y_m": 1e-3 * t["y_mm"]} for t in tags],
     }

@@ -6,7 +6,7 @@ import asyncio
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +47,26 @@ async def compose_view(service: Service, owner: str, id: str) -> None:
                 go = button("Save the study", lambda: save(), "act primary")
         said = tag("div", aria_live="polite")
         table = tag("div")
+        advice = tag("div", aria_live="polite")
 
         def show() -> None:
             table.clear()
             enable(go, bool(runs))
             with table:
-                _table(runs) if runs else empty("No runs yet", "Bring tables below, or track a clip first.")
+                _table(runs, advise) if runs else empty("No runs yet", "Bring tables below, or track a clip first.")
+            advise()
+
+        def advise() -> None:
+            advice.clear()
+            used = [run for run in runs if run.chosen]
+            with advice:
+                if runs and all(run.held_out for run in used):
+                    notice(("No run is fitted: nothing could be learnt. Fit one or more.",), "warn")
+                elif used and not any(run.held_out for run in used):
+                    notice(
+                        ("No run is kept aside: how far the gap shrinks could not be tested. Keep one or two aside.",),
+                        "warn",
+                    )
 
         async def taken(files: Mapping[str, Path]) -> None:
             for name, path in files.items():
@@ -83,19 +97,17 @@ async def compose_view(service: Service, owner: str, id: str) -> None:
         )
 
 
-def _table(runs: list[Run]) -> None:
+def _table(runs: list[Run], changed: Callable[[], None]) -> None:
     with tag("div", look="scroll"), tag("table", look="plain"):
         with tag("thead"), tag("tr"):
             for head in ("run", "measured by", "let go at [s]", "use"):
                 tag("th", head, scope="col")
         with tag("tbody"):
             for run in runs:
-                _row(run)
-    if sum(run.held_out for run in runs) == 0:
-        notice(("No run is kept aside: how far the gap shrinks could not be tested. Keep one or two aside.",), "warn")
+                _row(run, changed)
 
 
-def _row(run: Run) -> None:
+def _row(run: Run, changed: Callable[[], None]) -> None:
     words = {"tracks": "markers", "joint_positions": "encoders", "joint_efforts": "force sensors", "inputs": "drives"}
     with tag("tr"):
         with tag("td", look="name"):
@@ -117,10 +129,11 @@ def _row(run: Run) -> None:
                 for key, text in (("fit", "fit"), ("held_out", "keep aside to test"), ("none", "leave out")):
                     tag("option", text, value=key, selected=True if key == chosen else None)
 
-            def changed(event: Any) -> None:
+            def used(event: Any) -> None:
                 run.chosen, run.held_out = event.args != "none", event.args == "held_out"
+                changed()
 
-            use.on("change", changed, js_handler="(e) => emit(e.target.value)")
+            use.on("change", used, js_handler="(e) => emit(e.target.value)")
 
 
 def _number(text: str) -> float | None:

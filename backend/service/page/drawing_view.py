@@ -62,7 +62,7 @@ def _counts(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("moving bodies", str(report["moving_bodies"])),
         ("joints", ", ".join(f"{count} {type}" for type, count in sorted(report["joints"].items())) or "none"),
         ("loops", str(len(report["loops"]))),
-        ("size", f"{report['size_mm']:.0f} mm"),
+        ("joints and masses span", f"{report['size_mm']:.0f} mm"),
         ("freedoms by rank", str(mobility["by_rank"])),
     ]
     if mobility["by_count_in_plane"] is not None:
@@ -78,7 +78,7 @@ def _counts(report: Mapping[str, Any]) -> list[tuple[str, str]]:
 def parts(mechanism: Mechanism) -> None:
     """Joints, bodies and markers as lists whose entries light up on the stage."""
     with tag("div", look="panel"):
-        tag("h3", "Joints")
+        tag("h3", f"Joints: {len(mechanism.joints)}")
         with tag("ul", look="parts"):
             for joint in mechanism.joints:
                 loose = joint.fit.clearance_m() if joint.fit else None
@@ -86,13 +86,13 @@ def parts(mechanism: Mechanism) -> None:
                     f", {1e6 * loose:.0f} µm loose" if loose else ""
                 )
                 _part(f"joint:{joint.id}", joint.id, told)
-        tag("h3", "Bodies")
+        tag("h3", f"Bodies: {len(mechanism.bodies)}")
         with tag("ul", look="parts"):
             for body in mechanism.bodies:
                 mass = f"{1e3 * body.inertial.mass_kg:.4g} g" if body.inertial else ""
                 _part(f"body:{body.id}", body.id, "fixed" if body.fixed else mass)
         if mechanism.markers:
-            tag("h3", "Markers")
+            tag("h3", f"Markers: {len(mechanism.markers)}")
             with tag("ul", look="parts"):
                 for marker in mechanism.markers:
                     _part(f"marker:{marker.id}", marker.id, f"on {marker.body}")

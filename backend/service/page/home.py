@@ -15,6 +15,7 @@ from backend.service.page.markup import drawn, empty, link, tag
 from backend.service.page.samples import Sample, outline, outline_of, samples, store_sample
 from backend.service.page.shell import page, tell, view
 from backend.service.page.upload import drop_zone
+from backend.service.page.work import ago
 from backend.service.problems import Problem
 from backend.service.records import Thing
 from backend.service.service import Service
@@ -94,6 +95,7 @@ def _card(thing: Thing, address: str, words: str, mechanism: Any = None) -> None
         with tag("div", look="words"):
             tag("b", thing.name)
             tag("span", words)
+            tag("span", f"brought {ago(thing.created)}")
 
 
 def _sample(service: Service, owner: str, sample: Sample, said: Any) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Callable
 from typing import Any
 
 from nicegui import ui
 
+from backend.mechanism.jam_report import run_folder
 from backend.mechanism.mechanism import Mechanism
 from backend.service.jobs.command import WATCHED
 from backend.service.jobs.desk import cancel_job, delete_job, find_job, progress_of
@@ -20,7 +22,7 @@ from backend.service.page.markup import button, empty, link, notice, tag
 from backend.service.page.shell import page, tell, view
 from backend.service.page.study_view import read_stored_study
 from backend.service.page.timeline import Timeline
-from backend.service.page.work import NAMES, ago, lasted
+from backend.service.page.work import ago, asked_of, lasted
 from backend.service.problems import Problem
 from backend.service.records import Job, Thing
 from backend.service.service import Service
@@ -52,7 +54,7 @@ def job_view(service: Service, owner: str, id: str) -> None:
     """Progress while it runs, the result after."""
     job = find_job(service, owner, id)
     name, address = _subject(service, job)
-    with view(f"{NAMES[job.kind]} of {name}", [("Work", "/work"), (name, address)], now="/work"):
+    with view(asked_of(job.kind, name), [("Work", "/work"), (name, address)], now="/work"):
         if job.state in FINISHED:
             _finished(service, job, name)
         else:
@@ -64,7 +66,7 @@ def shared_view(service: Service, owner: str, id: str, token: str) -> None:
     """The same result for whoever was sent the link: to read and to download, not to change."""
     job = shared_job(service, id, token)
     name, _ = _subject(service, job)
-    with view(f"{NAMES[job.kind]} of {name}"):
+    with view(asked_of(job.kind, name)):
         if job.state in FINISHED:
             _finished(service, job, name, f"{id}/{token}")
         else:
@@ -85,7 +87,7 @@ def _subject(service: Service, job: Job) -> tuple[str, str]:
 def _running(service: Service, owner: str, job: Job, name: str) -> None:
     with tag("div", look="headline"):
         with tag("div"):
-            tag("h1", f"{NAMES[job.kind]} of {name}")
+            tag("h1", asked_of(job.kind, name))
             tag("p", PROMISE[job.kind], "soft")
         with tag("div", look="actions"):
             stop = button("Cancel", lambda: end(), "act danger")
@@ -141,7 +143,7 @@ def _finished(service: Service, job: Job, name: str, shared: str = "") -> None:
     base = f"{ROOT}/shared-files/{shared}/" if shared else f"{ROOT}/files/jobs/{job.id}/"
     with tag("div", look="headline"):
         with tag("div"):
-            tag("h1", f"{NAMES[job.kind]} of {name}")
+            tag("h1", asked_of(job.kind, name))
             took = lasted(job.finished - job.started) if job.finished and job.started else ""
             tag("p", f"Asked {ago(job.created)}" + (f", took {took}." if took else "."), "soft")
         with tag("div", look="actions"):
@@ -159,6 +161,12 @@ def _finished(service: Service, job: Job, name: str, shared: str = "") -> None:
         return
     if job.state == "failed":
         notice((job.message or "It ended without a word; ask again.",), "bad", "It did not succeed")
+        if not shared:
+            if job.kind == "track":
+                clip = f"/mechanisms/{job.request['mechanism']}/clips/{job.request['video']}?again={job.id}"
+                link("Mark the clip again", clip, "act primary")
+            else:
+                link("Back", _subject(service, job)[1], "act primary")
     _show(service, job, there, base, shared)
     results.file_list(service, job, base)
     if not shared:
@@ -178,14 +186,38 @@ def _show(service: Service, job: Job, there: set[str], base: str, shared: str) -
         results.written_page(there, base)
         return
     drawn = _stage(service, job, shared)
+
+    def put(path: str, of: Any) -> None:
+        told = json.loads(service.storage.read(file_of(service, job.id, path).key))
+        results.VIEWS[job.kind](of, told, drawn, base + path)
+
     with Timeline():
-        for path in pictures:
-            told = json.loads(service.storage.read(file_of(service, job.id, path).key))
-            one = report
-            if len(pictures) > 1 or "experiments" in report:
-                tag("h2", told["motions"][0]["name"] if told["motions"] else path)
-                one = report["experiments"].get(told["motions"][0]["name"], {}) if told["motions"] else {}
-            results.VIEWS[job.kind](one, told, drawn, base + path)
+        if "experiments" not in report:
+            put(pictures[0], report)
+            return
+        of_run = {name: f"{run_folder(name)}/pictures.json" for name in report["experiments"]}
+        every = {name: one for name, one in report["experiments"].items() if of_run[name] in there}
+        first = next((name for name, one in every.items() if one.get("jammed")), next(iter(every), None))
+        for name, one in every.items():
+            _run(name, one["jammed"], name == first, lambda path=of_run[name], one=one: put(path, one))
+
+
+def _run(name: str, jammed: bool, opened: bool, put: Callable[[], None]) -> None:
+    """One run of several, whose pictures are there while it is open: a browser draws sixteen stages at most."""
+    with tag("details", look="run", open=True if opened else None) as fold:
+        with tag("summary"):
+            tag("b", name)
+            tag("span", "jams" if jammed else "moves", f"status {'failed' if jammed else 'done'}")
+        inside = tag("div")
+
+    def show(is_open: bool) -> None:
+        inside.clear()
+        if is_open:
+            with inside:
+                put()
+
+    show(opened)
+    fold.on("toggle", lambda event: show(event.args), js_handler="(e) => emit(e.target.open)")
 
 
 def _stage(service: Service, job: Job, shared: str) -> Any:

@@ -18,9 +18,10 @@ from backend.service.page import (  # noqa: F401  each declares its views
     study_view,
     work,
 )
-from backend.service.page.access import COOKIE
+from backend.service.page.access import COOKIE, REFUSED
 from backend.service.page.files import add_files
 from backend.service.page.late import ROOT
+from backend.service.page.shell import page
 from backend.service.page.shell import service as served
 from backend.service.problems import Problem
 from backend.service.service import Service
@@ -42,19 +43,33 @@ def mount_page(app: FastAPI, service: Service) -> FastAPI:
     _mounted = True
     add_files(core.app, served)
     core.app.post("/sign-in", include_in_schema=False)(_sign_in)
+    core.app.post("/sign-out", include_in_schema=False)(_sign_out)
     ui.run_with(
         app, mount_path=ROOT, title="linktwin", favicon=ICON, dark=None, tailwind=False, show_welcome_message=False,
         reconnect_timeout=30.0,
     )  # fmt: skip
+    page("/{rest:path}")(_lost)  # the last route: whatever no other one takes
     return core.app
+
+
+def _lost(service: Service, owner: str, rest: str) -> None:
+    """An address that nothing stands at."""
+    raise Problem("not-found", f"There is no view at {rest[:80]!r}.")
 
 
 def _sign_in(key: str = Form(default="")) -> Response:
     """Keep a key that opens something in a cookie that no script can read; else ask again."""
-    answer = RedirectResponse(f"{ROOT}/", status_code=303)
     try:
         owner_of(served().database, key.strip())
     except Problem:
-        return answer
+        return RedirectResponse(f"{ROOT}/?{REFUSED}", status_code=303)
+    answer = RedirectResponse(f"{ROOT}/", status_code=303)
     answer.set_cookie(COOKIE, key.strip(), httponly=True, samesite="strict", path=ROOT, max_age=30 * 86400)
+    return answer
+
+
+def _sign_out() -> Response:
+    """Forget the key."""
+    answer = RedirectResponse(f"{ROOT}/", status_code=303)
+    answer.delete_cookie(COOKIE, path=ROOT)
     return answer

@@ -3,7 +3,8 @@ const LENS = 5; // times larger under the pointer
 const FAR = 14; // screen pixels within which a click takes hold of a point that is there already
 const HINTS = {
   marks: "Four or more points whose places on the bed you know, spread wide. Type where they are, then click on each.",
-  stick: "In place of marks, where one length is all that is known: click on its two ends. The origin of the drawing's coordinates is the first end unless you place it; type its pixels where it lies outside the picture.",
+  tags: "The kit's printed tags on the bed (linktwin kit) are found in the picture by themselves: type which lies where, its centre. Four or more, alone or with marks.",
+  stick: "In place of marks, where one length is all that is known: click on its two ends and type how long it is. The origin of the drawing's coordinates is the first end unless you place it; type its pixels where it lies outside the picture.",
   dots: "Only needed where the tracker asks which dot is which, and for coloured areas and surfaces. Click on the centre of each.",
 };
 
@@ -13,14 +14,14 @@ export default {
       <div class="pointing-side">
         <div class="pointing-tabs" role="tablist" aria-label="What to point at">
           <button v-for="kind in kinds" :key="kind.id" type="button" role="tab" :aria-selected="mode === kind.id" @click="turn(kind.id)">
-            {{ kind.name }} <span>{{ kind.points.filter(placed).length }}/{{ kind.points.length }}</span></button>
+            {{ kind.name }} <span>{{ kind.points.filter(kind.id === 'tags' ? typed : placed).length }}/{{ kind.points.length }}</span></button>
         </div>
         <p class="note">{{ hint }}</p>
         <ol class="pointing-list">
-          <li v-for="point in list" :key="point.id" :class="{ active: active === point.id, placed: placed(point) }">
+          <li v-for="point in list" :key="point.id" :class="{ active: active === point.id, placed: done(point) }">
             <button type="button" class="pointing-name" @click="choose(point.id)" :aria-pressed="active === point.id">
-              <i></i>{{ point.id }}<span>{{ placed(point) ? point.x_px.toFixed(1) + ', ' + point.y_px.toFixed(1) + ' px' : active === point.id ? 'click in the picture' : 'not placed' }}</span></button>
-            <template v-if="mode === 'marks'">
+              <i></i>{{ point.id }}<span>{{ mode === 'tags' ? (done(point) ? '' : 'type x and y') : placed(point) ? point.x_px.toFixed(1) + ', ' + point.y_px.toFixed(1) + ' px' : active === point.id ? 'click in the picture' : 'not placed' }}</span></button>
+            <template v-if="mode === 'marks' || mode === 'tags'">
               <label>x <input type="number" step="any" v-model.number="point.x_mm" @input="tell" :aria-label="'x of ' + point.id + ' in mm'"> mm</label>
               <label>y <input type="number" step="any" v-model.number="point.y_mm" @input="tell" :aria-label="'y of ' + point.id + ' in mm'"> mm</label>
             </template>
@@ -28,25 +29,30 @@ export default {
               <label>x <input type="number" step="any" v-model.number="point.x_px" @input="tell(); paint()" :aria-label="'x of ' + point.id + ' in pixels'"> px</label>
               <label>y <input type="number" step="any" v-model.number="point.y_px" @input="tell(); paint()" :aria-label="'y of ' + point.id + ' in pixels'"> px</label>
             </template>
-            <button v-if="placed(point)" type="button" class="quiet" @click="drop(point)" :aria-label="'Take ' + point.id + ' off'">×</button>
+            <label v-if="mode === 'dots' && tagged">tag <input type="number" min="0" step="1" v-model.number="point.tag" @input="tell" :aria-label="'tag on ' + point.id"></label>
+            <button v-if="mode === 'tags'" type="button" class="quiet" @click="leave(point)" :aria-label="'Leave out ' + point.id">×</button>
+            <button v-else-if="placed(point)" type="button" class="quiet" @click="drop(point)" :aria-label="'Take ' + point.id + ' off'">×</button>
           </li>
         </ol>
+        <label v-if="mode === 'stick'" class="field"><span>the known length [mm]</span>
+          <input class="in" type="number" min="0" step="any" v-model.number="own.length_mm" @input="tell"></label>
         <button v-if="mode === 'marks'" type="button" class="act small" @click="more">Add a mark</button>
+        <button v-if="mode === 'tags'" type="button" class="act small" @click="another">Add a tag</button>
       </div>
       <div class="pointing-view" ref="view" tabindex="0" role="application" aria-label="First frame of the clip. Arrow keys move the cross, Shift with them by ten pixels, Enter places the point."
            @keydown="keyed">
-        <canvas ref="canvas" @pointerdown="press" @pointermove="move" @pointerup="release" @pointerleave="leave" @wheel.prevent="wheel"></canvas>
+        <canvas ref="canvas" @pointerdown="press" @pointermove="move" @pointerup="release" @pointerleave="away" @wheel.prevent="wheel"></canvas>
         <p v-if="trouble" class="pointing-trouble" role="alert">{{ trouble }}</p>
         <div class="pointing-zoom"><button type="button" @click="zoom(1.5)" aria-label="Larger">+</button><button type="button" @click="zoom(1 / 1.5)" aria-label="Smaller">−</button><button type="button" @click="whole">whole</button></div>
       </div>
     </div>`,
-  props: { picture: String, marks: Array, stick: Array, dots: Array },
+  props: { picture: String, points: Object, tagged: Boolean },
   emits: ["points"],
   data() {
-    return { mode: "marks", active: null, trouble: "", own: { marks: this.marks.map((m) => ({ ...m })), stick: this.stick.map((s) => ({ ...s })), dots: this.dots.map((d) => ({ ...d })) } };
+    return { mode: "marks", active: null, trouble: "", own: JSON.parse(JSON.stringify({ length_mm: null, ...this.points })) };
   },
   computed: {
-    kinds() { return [{ id: "marks", name: "Bed marks", points: this.own.marks }, { id: "stick", name: "A length", points: this.own.stick }, { id: "dots", name: "Dots", points: this.own.dots }]; },
+    kinds() { return [{ id: "marks", name: "Marks", points: this.own.marks }, { id: "tags", name: "Tags", points: this.own.tags }, { id: "stick", name: "A length", points: this.own.stick }, { id: "dots", name: "Dots", points: this.own.dots }]; },
     list() { return this.own[this.mode]; },
     hint() {
       return HINTS[this.mode];
@@ -70,6 +76,8 @@ export default {
       };
       image.src = address;
     },
+    done(point) { return this.mode === "tags" ? this.typed(point) : this.placed(point); },
+    typed: (point) => Number.isFinite(point.x_mm) && Number.isFinite(point.y_mm),
     placed: (point) => Number.isFinite(point.x_px) && Number.isFinite(point.y_px),
     turn(kind) { this.mode = kind; this.active = this.list.find((p) => !this.placed(p))?.id ?? null; this.paint(); },
     choose(id) { this.active = id; this.paint(); this.$refs.view.focus(); },
@@ -81,8 +89,14 @@ export default {
       this.active = name(n);
       this.tell();
     },
+    another() {
+      const number = 1 + Math.max(-1, ...this.own.tags.map((t) => t.number));
+      this.own.tags.push({ id: `tag ${number}`, number, x_mm: null, y_mm: null });
+      this.tell();
+    },
+    leave(tag) { this.own.tags = this.own.tags.filter((t) => t !== tag); this.tell(); },
     drop(point) { point.x_px = point.y_px = null; this.active = point.id; this.tell(); this.paint(); },
-    tell() { this.$emit("points", { marks: this.own.marks, stick: this.own.stick, dots: this.own.dots }); },
+    tell() { this.$emit("points", this.own); },
     whole() {
       const view = this.$refs.view;
       if (!view || !this.image.naturalWidth) return;
@@ -131,10 +145,10 @@ export default {
       if (held.near) { if (held.far) this.tell(); return this.paint(); }
       if (!held.far) this.place(this.pixel(event));
     },
-    leave() { this.hover = null; this.paint(); },
+    away() { this.hover = null; this.paint(); },
     place([x, y]) {
       const point = this.list.find((p) => p.id === this.active);
-      if (!point || x < -0.5 || y < -0.5 || x > this.image.naturalWidth - 0.5 || y > this.image.naturalHeight - 0.5) return;
+      if (!point || this.mode === "tags" || x < -0.5 || y < -0.5 || x > this.image.naturalWidth - 0.5 || y > this.image.naturalHeight - 0.5) return;
       [point.x_px, point.y_px] = [Math.round(10 * x) / 10, Math.round(10 * y) / 10];
       this.active = this.list.find((p) => !this.placed(p))?.id ?? this.active;
       this.tell();

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from backend.report.gap_words import parameter_name
 from backend.report.quantity import measured, prefixed, shown
 from backend.service.page.film import Film, film_tracks
 from backend.service.page.markup import drawn as markup
@@ -25,6 +26,20 @@ BADGES = {
     "approximate": "approximate",
     "unknown": "unknown",
 }
+
+
+TRACKED = (
+    ("frames", "frames", "", 1.0),
+    ("frames_per_s", "filmed at", "a second", 1.0),
+    ("begins_s", "from", "s", 1.0),
+    ("duration_s", "for", "s", 1.0),
+    ("metres_per_px", "a pixel is", "mm", 1e3),
+    ("dot_radius_px", "radius of a dot", "px", 1.0),
+    ("sigma_m", "a place is known to", "mm", 1e3),
+    ("calibration_sd_m", "and the scale's share of it", "mm", 1e3),
+    ("mark_residual_px", "marks are missed by", "px", 1.0),
+    ("dots_not_drawn", "dots the drawing lacks", "", 1.0),
+)
 
 
 def _stage(drawn: Drawn | None, told: Told, address: str, title: str, **rest: Any) -> None:
@@ -140,15 +155,9 @@ def tracking(service: Service, job: Job, base: str, film: str | None) -> None:
 
 def _track_facts(told: Told) -> list[tuple[str, str]]:
     rows = []
-    for key, value in told.items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            continue
-        name, unit, factor = key, "", 1.0
-        for suffix, words, by in (("_m", "mm", 1e3), ("_s", "s", 1.0), ("_px", "px", 1.0)):
-            if key.endswith(suffix) and not key.endswith("per_s"):
-                name, unit, factor = key.removesuffix(suffix), words, by
-        text = str(value) if isinstance(value, int) else shown(factor * value)
-        rows.append((name.replace("_", " "), f"{text} {unit}".strip()))
+    for key, name, unit, factor in TRACKED:
+        if (value := told.get(key)) is not None:
+            rows.append((name, f"{value if isinstance(value, int) else shown(factor * value)} {unit}".strip()))
     return rows
 
 
@@ -217,7 +226,7 @@ def _parameter(p: Told) -> None:
     )
     with tag("tr"):
         tag("td", p["kind"].replace("_", " ") + f" at {on}", "name")
-        tag("td", p["parameter"])
+        tag("td", parameter_name(p["parameter"]))
         tag("td", f"{measured(factor * p['value'], sd)} {unit}", "n")
         tag("td", span, "n")
         tag("td", "at its bound" if p["at_bound"] else "")

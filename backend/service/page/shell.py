@@ -13,7 +13,7 @@ from typing import Any
 from fastapi import Request
 from nicegui import core, ui
 
-from backend.service.page.access import owner_from
+from backend.service.page.access import COOKIE, owner_from
 from backend.service.page.late import ROOT
 from backend.service.page.markup import button, drawn, empty, link, notice, tag
 from backend.service.problems import Problem
@@ -58,6 +58,9 @@ def view(title: str, trail: Sequence[tuple[str, str]] = (), now: str = "") -> It
                 link(name, address, aria_current="page" if now == address else None)
             dark = button("Light / dark", None, "quiet", aria_label="Switch between light and dark")
             dark.on("click", js_handler=SWITCH)
+            if service().settings.keys_required and COOKIE in ui.context.client.request.cookies:
+                with tag("form", method="post", action=f"{ROOT}/sign-out"):
+                    tag("button", "Sign out", "quiet", type="submit")
     with tag("div", look="page", id="content", tabindex="-1"):
         if trail:
             with tag("nav", look="trail", aria_label="Where you are"):
@@ -114,7 +117,7 @@ def sign_in(problem: Problem) -> None:
     """A view that asks for a key."""
     with view("Sign in"):
         tag("h1", "Sign in", style="margin-top: 28px")
-        tag("p", problem.detail, "soft")
+        tag("p", problem.detail, "soft", role="status")
         with tag("form", look="panel", method="post", action=f"{ROOT}/sign-in", style="max-width: 460px"):
             with tag("label", look="field"):
                 tag("span", "API key")

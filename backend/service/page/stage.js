@@ -12,11 +12,11 @@ export default {
         <canvas ref="canvas" @pointerdown="down" @pointerup="picked" aria-hidden="true"></canvas>
         <div class="stage-names" ref="names" aria-hidden="true"></div>
         <div class="stage-scale" ref="scale" aria-hidden="true"><i></i><span></span></div>
-        <p v-if="trouble" class="stage-trouble" role="status">{{ trouble }}</p>
         <div class="stage-cameras" role="group" aria-label="View">
           <button v-for="view in views" :key="view.id" type="button" :title="view.title" @click="look(view.id)">{{ view.name }}</button>
         </div>
       </div>
+      <p v-if="trouble" class="stage-trouble" role="status">{{ trouble }}</p>
       <div v-if="motions.length" class="stage-bar">
         <button type="button" class="stage-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'" :aria-pressed="playing">
           <svg viewBox="0 0 16 16" aria-hidden="true"><path :d="playing ? 'M4 3h3v10H4zM9 3h3v10H9z' : 'M4 2.5v11l9-5.5z'"/></svg>
@@ -40,7 +40,7 @@ export default {
     shown: { twin: true, drawing: true, seen: true, trails: true, joints: true, names: true, forces: true },
   }),
   watch: {
-    playing(now) { if (!now) { this.stage.world.sharpen(1); this.ask(); } },
+    playing(now) { if (!now) { this.stage.world.sharpen(); this.ask(); } },
   },
   computed: {
     views() {
@@ -140,6 +140,7 @@ export default {
       this.show(time_s);
       this.draw();
       this.stamps.push(now);
+      this.$el.drawn = (this.$el.drawn ?? 0) + 1;
       this.busy.push(performance.now() - began);
       if (this.stamps.length > KEPT) { this.stamps.shift(); this.busy.shift(); }
       requestAnimationFrame(this.advance);

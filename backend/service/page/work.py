@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from nicegui import ui
+from sqlmodel import col, select
 
 from backend.service.jobs.desk import list_jobs
 from backend.service.page.markup import button, empty, link, tag
 from backend.service.page.shell import page, tell, view
 from backend.service.problems import Problem
-from backend.service.records import Job
+from backend.service.records import Job, Thing
 from backend.service.service import Service
 
 NAMES = {
     "simulate": "Motion", "jam": "Does it jam?", "fit": "Fit", "diagnose": "Diagnosis", "track": "Tracking",
 }  # fmt: skip
+SAID = {"jam": "Does {} jam?"}  # of what is asked; else the kind's name of it
 STATES = {
     "queued": ("queued", "waiting"),
     "running": ("running", "running"),
@@ -33,7 +35,7 @@ def work_view(service: Service, owner: str) -> None:
     with view("Work", now="/work"):
         tag("h1", "Work", style="margin-top: 26px")
         if jobs:
-            work_table(jobs)
+            work_table(jobs, subjects(service, jobs))
             return
         with empty(
             "Nothing was asked yet", "Open a mechanism and ask whether it jams, or open a study and diagnose it."
@@ -41,17 +43,33 @@ def work_view(service: Service, owner: str) -> None:
             link("To the mechanisms", "/", "act primary")
 
 
-def work_table(jobs: Sequence[Job]) -> None:
-    """One line a job."""
+def asked_of(kind: str, name: str) -> str:
+    """What a job asks of what."""
+    return SAID.get(kind, f"{NAMES[kind]} of {{}}").format(name)
+
+
+def subjects(service: Service, jobs: Sequence[Job]) -> dict[str, str]:
+    """Names, by the jobs' ids, of the studies and mechanisms that they are about."""
+    about = {job.id: job.request.get("study") or job.request.get("mechanism") for job in jobs}
+    with service.database.reading() as session:
+        found = session.exec(select(Thing).where(col(Thing.id).in_({*about.values()} - {None})))
+        names = {thing.id: thing.name for thing in found}
+    return {job: names.get(id or "", "a deleted one") for job, id in about.items()}
+
+
+def work_table(jobs: Sequence[Job], of: Mapping[str, str] | None = None) -> None:
+    """One line a job; of: what it is about, where that is not said already."""
     with tag("div", look="scroll"), tag("table", look="plain"):
         with tag("thead"), tag("tr"):
-            for head in ("what", "how it stands", "asked", "took"):
+            for head in ("what", *(["of"] if of else []), "how it stands", "asked", "took"):
                 tag("th", head, scope="col")
         with tag("tbody"):
             for job in jobs:
                 with tag("tr"):
                     with tag("td", look="name"):
                         link(NAMES.get(job.kind, job.kind), f"/jobs/{job.id}")
+                    if of:
+                        tag("td", of[job.id])
                     look, words = STATES[job.state]
                     with tag("td"):
                         part = f" {100 * job.part:.0f}%" if job.state == "running" else ""

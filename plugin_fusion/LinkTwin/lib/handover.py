@@ -44,7 +44,7 @@ class Handover(threading.Thread):
 
     def _hand_over(self) -> dict:
         self._service.check()
-        stored = self._service.store_mechanism(self._folder, self._sent)
+        stored = self._service.store_mechanism(self._folder, str(uuid.uuid4()), self._sent)
         id = str(stored.get("id") or "")
         if not id:
             raise Refused(200, "the answer names no mechanism: this is not a LinkTwin service; correct its address")

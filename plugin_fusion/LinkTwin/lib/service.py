@@ -6,6 +6,7 @@ import http.client
 import io
 import json
 import socket
+import time
 import urllib.error
 import urllib.request
 import zipfile
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 TIMEOUT_S = 30.0
+PAUSES_S = (0.5, 2.0)  # before what no answer came to is asked again
 LARGEST_ANSWER = 4 * 2**20
 
 
@@ -67,20 +69,22 @@ class Service:
         """Ask for nothing much: a key that is refused is better told before the upload than in the middle of it."""
         self._ask("GET", "/api/v1/mechanisms?limit=1")
 
-    def store_mechanism(self, folder: Path, progress: Callable[[int, int], None] = lambda *_: None) -> dict:
+    def store_mechanism(
+        self, folder: Path, repeat_key: str, progress: Callable[[int, int], None] = lambda *_: None
+    ) -> dict:
         """Send an export (mechanism.json and its meshes) as one zip; the stored mechanism, with its `id`.
 
-        progress: told bytes sent and bytes in all; what it raises ends the upload.
-        Raises Refused and Unreachable.
+        repeat_key: the same stores it once, however often it is sent.  progress: told bytes sent and bytes in all; what
+        it raises ends the upload.  Where the line breaks it is sent again.  Raises Refused and Unreachable.
         """
         data = packed(folder)
-        headers = {"Content-Type": "application/zip", "Content-Length": str(len(data))}
-        return self._ask("POST", "/api/v1/mechanisms", _Watched(data, progress), headers)
+        headers = {"Content-Type": "application/zip", "Content-Length": str(len(data)), "Idempotency-Key": repeat_key}
+        return _again(lambda: self._ask("POST", "/api/v1/mechanisms", _Watched(data, progress), headers))
 
     def start_job(self, request: dict, repeat_key: str) -> dict:
         """Ask for work; the job, with its `id`. The same repeat_key starts it once however often it is sent."""
         headers = {"Content-Type": "application/json", "Idempotency-Key": repeat_key}
-        return self._ask("POST", "/api/v1/jobs", json.dumps(request).encode(), headers)
+        return _again(lambda: self._ask("POST", "/api/v1/jobs", json.dumps(request).encode(), headers))
 
     def job(self, id: str) -> dict:
         """A job as it stands."""
@@ -111,6 +115,16 @@ class Service:
                 f"{self.url} does not answer ({reason}); start the service (linktwin serve), or correct its address in "
                 "the settings"
             ) from None
+
+
+def _again(ask: Callable[[], dict]) -> dict:
+    """Ask; and again where no answer came, since what was asked carries a key under which it is done once."""
+    for pause_s in PAUSES_S:
+        try:
+            return ask()
+        except Unreachable:
+            time.sleep(pause_s)
+    return ask()
 
 
 def packed(folder: Path) -> bytes:

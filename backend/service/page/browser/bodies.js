@@ -5,13 +5,33 @@ const loader = new STLLoader();
 const CREASE = 28; // degrees between two facets from which their common edge is drawn
 const kept = new Map(); // surfaces by address, so that the ghost of the drawing costs no second download
 
-function surface(url, scale) {
-  const key = `${url} ${scale}`;
+// Corners within one cell of a grid are one corner, and facets that lose theirs are left out: what is finer than a pixel
+// costs time and shows nothing. Facets get their normals when drawn.
+function crude(corners, cell) {
+  const places = [], index = [], known = new Map();
+  for (let i = 0; i < corners.length; i += 9) {
+    const facet = [0, 3, 6].map((k) => {
+      const [x, y, z] = [corners[i + k], corners[i + k + 1], corners[i + k + 2]];
+      const key = `${Math.round(x / cell)} ${Math.round(y / cell)} ${Math.round(z / cell)}`;
+      if (!known.has(key)) { known.set(key, known.size); places.push(x, y, z); }
+      return known.get(key);
+    });
+    if (new Set(facet).size === 3) index.push(...facet);
+  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(places, 3));
+  geometry.setIndex(index);
+  return geometry;
+}
+
+function surface(url, scale, cell) {
+  const key = `${url} ${scale} ${cell}`;
   if (!kept.has(key)) {
     kept.set(key, loader.loadAsync(url).then((geometry) => {
       geometry.scale(scale, scale, scale);
       geometry.computeVertexNormals();
-      return { geometry, edges: new THREE.EdgesGeometry(geometry, CREASE) };
+      const less = crude(geometry.getAttribute("position").array, cell);
+      return { geometry, less, edges: new THREE.EdgesGeometry(geometry, CREASE) };
     }));
   }
   return kept.get(key);
@@ -47,7 +67,7 @@ export class Look {
     const clear = opacity < 1;
     this.opacity = opacity;
     this.face = new THREE.MeshLambertMaterial({
-      transparent: clear, opacity, depthWrite: !clear, side: THREE.FrontSide,
+      flatShading: true, transparent: clear, opacity, depthWrite: !clear, side: THREE.FrontSide,
       polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1,
     });
     this.edge = new THREE.LineBasicMaterial({ transparent: true, opacity: clear ? 0.7 : 0.5 });
@@ -64,11 +84,20 @@ export class Look {
   }
 }
 
-// One body in its own frame; `ready` says whether its real surface was found.
-export function makeBody(body, look, radius, shy = false) {
+// Leave out of a body what only a quick machine draws at every frame: edges and fine facets.
+export function hurry(group, on) {
+  group.traverse((part) => {
+    if (part.userData.less) part.geometry = on ? part.userData.less : part.userData.whole;
+    if (part.isLineSegments) part.material.visible = !on;
+  });
+}
+
+// One body in its own frame; `ready` says whether its real surface was found. cell: what is finer may be left out in haste.
+export function makeBody(body, look, radius, cell, shy = false) {
   const group = new THREE.Group();
-  const add = (geometry, edges) => {
+  const add = (geometry, edges, less = geometry) => {
     const face = new THREE.Mesh(geometry, look.face);
+    Object.assign(face.userData, { whole: geometry, less });
     face.userData.part = shy ? null : `body:${body.id}`;
     group.add(face);
     if (edges) group.add(new THREE.LineSegments(edges, look.edge));
@@ -81,8 +110,8 @@ export function makeBody(body, look, radius, shy = false) {
     fallback();
     return { group, ready: Promise.resolve(false) };
   }
-  const ready = Promise.all(body.meshes.map(({ url, scale_to_m }) => surface(url, scale_to_m))).then(
-    (found) => { found.forEach(({ geometry, edges }) => add(geometry, edges)); return true; },
+  const ready = Promise.all(body.meshes.map(({ url, scale_to_m }) => surface(url, scale_to_m, cell))).then(
+    (found) => { found.forEach(({ geometry, edges, less }) => add(geometry, edges, less)); return true; },
     () => { fallback(); return false; });
   return { group, ready };
 }

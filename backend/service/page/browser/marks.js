@@ -1,13 +1,37 @@
 // What stands beside the bodies: joints by their kind, arrows of force, dots that were seen.
 import { THREE } from "nicegui-scene";
 
+const WHITE = new THREE.Color(1, 1, 1);
 const UP = new THREE.Vector3(0, 0, 1);
 
-// A joint in the frame of body B: a ring about its axis, a block along it, a ball or a cube.
-export function makeJoint(joint, size, material) {
-  const group = new THREE.Group();
+const GONE = new THREE.Matrix4().makeScale(0, 0, 0);
+
+// Many of one shape, drawn at once where their places are; each place is an Object3D whose userData.part names it.
+export class Swarm {
+  constructor(geometry, material, places, order) {
+    this.places = places;
+    this.mesh = new THREE.InstancedMesh(geometry, material, places.length);
+    Object.assign(this.mesh, { renderOrder: order, frustumCulled: false });
+    this.mesh.userData.parts = places.map((place) => place.userData.part);
+    this.paint(() => WHITE);
+  }
+
+  paint(colour) {
+    this.places.forEach((place, i) => this.mesh.setColorAt(i, colour(place)));
+    if (this.mesh.instanceColor) this.mesh.instanceColor.needsUpdate = true; // there is none of no places
+  }
+
+  follow() {
+    this.places.forEach((place, i) => this.mesh.setMatrixAt(i, place.visible ? place.matrixWorld : GONE));
+    this.mesh.instanceMatrix.needsUpdate = true;
+    this.mesh.boundingSphere = null; // of the places before; a ray asks for it
+  }
+}
+
+// What a kind of joint is drawn as, in the frame of body B: a ring about its axis, a block along it, a ball or a cube.
+export function jointShapes(type, size) {
   const shapes = {
-    revolute: () => [new THREE.TorusGeometry(size, 0.2 * size, 8, 28)],
+    revolute: () => [new THREE.TorusGeometry(size, 0.2 * size, 6, 24)],
     cylindrical: () => [new THREE.TorusGeometry(size, 0.2 * size, 8, 28), new THREE.CylinderGeometry(0.3 * size, 0.3 * size, 4 * size, 12).rotateX(Math.PI / 2)],
     prismatic: () => [new THREE.BoxGeometry(1.1 * size, 1.1 * size, 3 * size)],
     spherical: () => [new THREE.SphereGeometry(size, 16, 12)],
@@ -15,16 +39,16 @@ export function makeJoint(joint, size, material) {
     planar: () => [new THREE.BoxGeometry(3 * size, 3 * size, 0.3 * size)],
     fixed: () => [new THREE.BoxGeometry(1.2 * size, 1.2 * size, 1.2 * size)],
   };
-  for (const geometry of (shapes[joint.type] ?? shapes.fixed)()) {
-    const mesh = new THREE.Mesh(geometry, material);
-    mesh.renderOrder = 5;
-    mesh.userData.part = `joint:${joint.id}`;
-    group.add(mesh);
-  }
-  group.position.set(...joint.frame_b.position_m);
-  const [w, x, y, z] = joint.frame_b.quaternion_wxyz;
-  group.quaternion.set(x, y, z, w);
-  return group;
+  return (shapes[type] ?? shapes.fixed)();
+}
+
+// Where a thing is on its body.
+export function makePlace(part, position_m, quaternion_wxyz = [1, 0, 0, 0]) {
+  const place = new THREE.Object3D(), [w, x, y, z] = quaternion_wxyz;
+  place.position.set(...position_m);
+  place.quaternion.set(x, y, z, w);
+  place.userData.part = part;
+  return place;
 }
 
 export function markMaterial(opacity = 0.95) {
@@ -58,16 +82,19 @@ export class Arrow {
   }
 }
 
-export function makeDot(size, material) {
-  const dot = new THREE.Mesh(new THREE.SphereGeometry(size, 14, 10), material);
-  dot.renderOrder = 10;
-  return dot;
-}
+export function dotShape(size) { return new THREE.SphereGeometry(size, 12, 8); }
 
-// A path in space; points that were not seen leave a gap.
-export function makeTrail(points, material) {
+// Paths in space; points that were not seen leave a gap, steps shorter than `least` are taken together.
+export function makeTrails(paths, least, material) {
   const pairs = [];
-  for (let i = 1; i < points.length; i++) if (points[i - 1] && points[i]) pairs.push(...points[i - 1], ...points[i]);
+  for (const points of paths) {
+    let from = null;
+    points.forEach((to, i) => {
+      if (from && to && i + 1 < points.length && points[i + 1] && Math.hypot(to[0] - from[0], to[1] - from[1], to[2] - from[2]) < least) return;
+      if (from && to) pairs.push(...from, ...to);
+      from = to;
+    });
+  }
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.Float32BufferAttribute(pairs, 3));
   const trail = new THREE.LineSegments(geometry, material);

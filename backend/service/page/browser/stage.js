@@ -1,14 +1,15 @@
 // The mechanism on stage: bodies, joints and names, and a recorded motion with what was seen beside it.
 import { THREE } from "nicegui-scene";
-import { Look, makeBody } from "linktwin-page/bodies.js";
+import { hurry, Look, makeBody } from "linktwin-page/bodies.js";
 import { ink } from "linktwin-page/colours.js";
-import { Arrow, makeDot, makeJoint, makeTrail, markMaterial } from "linktwin-page/marks.js";
+import { Arrow, dotShape, jointShapes, makePlace, makeTrails, markMaterial, Swarm } from "linktwin-page/marks.js";
 import { Motion } from "linktwin-page/motion.js";
 import { World } from "linktwin-page/world.js";
 
 const TONES = 8;
 const LONGEST = 0.34; // of the mechanism's size: the arrow of the largest force
 const SMALLEST = 0.02; // of the largest force: below it an arrow is left out
+const NOTHING_N = 1e-9; // forces below that are rounding errors, and no arrow
 const DRAWN = 0.32; // opacity of the drawing behind the twin
 
 export class Stage {
@@ -34,14 +35,14 @@ export class Stage {
     const [box, size] = this.measure();
     Object.assign(this, { box, size });
     this.unit = size / 110;
+    this.cell = this.unit / 8; // a pixel or so, of the whole mechanism in a window
+    this.world.hurried = (on) => { [...this.groups.values(), ...(this.ghosts ?? new Map()).values()].forEach((one) => hurry(one.group ?? one, on)); };
     this.looks = new Map();
     this.groups = new Map();
-    this.jointMaterial = markMaterial(0.92);
-    this.hotMaterial = markMaterial(1);
     const arriving = [];
     for (const body of this.drawn.bodies) {
       const look = new Look();
-      const { group, ready } = makeBody(body, look, 0.9 * this.unit);
+      const { group, ready } = makeBody(body, look, 0.9 * this.unit, this.cell);
       this.looks.set(body.id, look);
       this.groups.set(body.id, group);
       this.world.scene.add(group);
@@ -49,21 +50,30 @@ export class Stage {
     }
     this.joints = new Map();
     for (const joint of this.drawn.joints) {
-      const mark = makeJoint(joint, this.unit * 1.15, this.jointMaterial);
+      const mark = makePlace(`joint:${joint.id}`, joint.frame_b.position_m, joint.frame_b.quaternion_wxyz);
       this.groups.get(joint.body_b).add(mark);
       this.joints.set(joint.id, mark);
     }
+    this.rings = [...new Set(this.drawn.joints.map(({ type }) => type))].flatMap((type) => {
+      const alike = this.drawn.joints.filter((joint) => joint.type === type).map(({ id }) => this.joints.get(id));
+      return jointShapes(type, 1.15 * this.unit).map((shape) => this.swarm(shape, markMaterial(0.92), alike, 5));
+    });
     this.markers = new Map();
-    this.ringMaterial = markMaterial(0.9);
     for (const marker of this.drawn.markers) {
-      const dot = makeDot(0.42 * this.unit, this.ringMaterial);
-      dot.position.set(...marker.position_m);
-      dot.userData.part = `marker:${marker.id}`;
+      const dot = makePlace(`marker:${marker.id}`, marker.position_m);
       this.groups.get(marker.body).add(dot);
       this.markers.set(marker.id, dot);
     }
+    this.spots = this.swarm(dotShape(0.42 * this.unit), markMaterial(0.9), [...this.markers.values()], 10);
     this.world.frame(box, this.drawn.normal);
     this.ready = Promise.all(arriving).then((found) => { this.grow(); return found; });
+  }
+
+  swarm(shape, material, places, order) {
+    const swarm = new Swarm(shape, material, places, order);
+    this.world.scene.add(swarm.mesh);
+    this.world.followers.add(swarm);
+    return swarm;
   }
 
   // Real surfaces reach further than the joints: the frame makes room for them.
@@ -87,23 +97,18 @@ export class Stage {
       look.paint(face, ink("edge"));
       look.lit(this.pointed === `body:${body.id}`);
     });
-    this.jointMaterial.color.set(ink("joint"));
-    this.hotMaterial.color.set(warm);
-    this.ringMaterial.color.set(ink("after"));
-    for (const [id, mark] of this.joints) {
-      const hot = this.heat[`joint:${id}`] ?? 0, on = this.pointed === `joint:${id}`;
-      mark.traverse((part) => { if (part.isMesh) part.material = hot > 0.04 || on ? this.hotMaterial : this.jointMaterial; });
-      mark.scale.setScalar(on ? 1.9 : 1 + 1.3 * Math.sqrt(hot));
+    const hot = ({ userData: { part } }) => (this.heat[part] ?? 0) > 0.04 || this.pointed === part;
+    const tones = { joint: new THREE.Color(ink("joint")), marker: new THREE.Color(ink("after")) };
+    for (const mark of this.joints.values()) {
+      const { part } = mark.userData;
+      mark.scale.setScalar(this.pointed === part ? 1.9 : 1 + 1.3 * Math.sqrt(this.heat[part] ?? 0));
     }
-    for (const [id, dot] of this.markers) {
-      const on = this.pointed === `marker:${id}` || (this.heat[`marker:${id}`] ?? 0) > 0.04;
-      dot.material = on ? this.hotMaterial : this.ringMaterial;
-      dot.scale.setScalar(on ? 2 : 1);
-    }
+    for (const dot of this.markers.values()) dot.scale.setScalar(hot(dot) ? 2 : 1);
+    this.rings.forEach((rings) => rings.paint((mark) => hot(mark) ? warm : tones.joint));
+    this.spots.paint((dot) => hot(dot) ? warm : tones.marker);
     this.ghosts?.forEach(({ look }) => look.paint(ink("before"), ink("before")));
-    this.seenMaterial?.color.set(ink("measured"));
+    if (this.dots) { const seen = new THREE.Color(ink("measured")); this.cloud.paint(() => seen); }
     this.trailMaterial?.color.set(soft);
-    this.missMaterial?.color.set(ink("before"));
     this.arrowMaterial?.color.set(ink("c6"));
     this.apply();
   }
@@ -112,25 +117,26 @@ export class Stage {
   play(sent) {
     this.extra?.forEach((object) => object.removeFromParent());
     this.extra = [];
+    this.world.followers.delete(this.cloud);
     this.motion = sent ? new Motion(sent) : null;
     this.ghosts = null;
     this.dots = null;
-    this.arrows = null;
+    this.arrows = this.forceNow = null;
     if (!this.motion) return this.paint();
     const add = (object) => { this.world.scene.add(object); this.extra.push(object); return object; };
     if (sent.before) {
       this.ghosts = new Map(this.drawn.bodies.filter((b) => sent.before[b.id]).map((body) => {
-        const look = new Look(DRAWN), { group, ready } = makeBody(body, look, 0.8 * this.unit, true);
+        const look = new Look(DRAWN), { group, ready } = makeBody(body, look, 0.8 * this.unit, this.cell, true);
         ready.then(() => this.world.changed());
         return [body.id, { look, group: add(group) }];
       }));
     }
     if (sent.seen) {
-      this.seenMaterial = markMaterial(1);
       this.trailMaterial = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.55, depthTest: false });
-      this.missMaterial = new THREE.LineBasicMaterial({ depthTest: false });
-      this.trails = Object.values(sent.seen.markers).map((points) => add(makeTrail(points, this.trailMaterial)));
-      this.dots = new Map(Object.keys(sent.seen.markers).map((id) => [id, add(makeDot(0.8 * this.unit, this.seenMaterial))]));
+      this.trails = add(makeTrails(Object.values(sent.seen.markers), this.cell / 2, this.trailMaterial));
+      this.dots = new Map(Object.keys(sent.seen.markers).map((id) => [id, add(makePlace(null, [0, 0, 0]))]));
+      this.cloud = this.swarm(dotShape(0.8 * this.unit), markMaterial(1), [...this.dots.values()], 10);
+      this.extra.push(this.cloud.mesh);
     }
     if (sent.forces_n) {
       this.arrowMaterial = markMaterial(0.95);
@@ -141,7 +147,8 @@ export class Stage {
       }));
       const sizes = Object.values(sent.forces_n).flatMap((f) => Array.from({ length: f.length / 3 }, (_, i) => Math.hypot(f[3 * i], f[3 * i + 1], f[3 * i + 2])));
       sizes.sort((a, b) => a - b);
-      this.largest = sizes[Math.floor(0.995 * (sizes.length - 1))] || 1; // a blow must not make all else invisible
+      this.largest = sizes[Math.floor(0.995 * (sizes.length - 1))] || 0; // a blow must not make all else invisible
+      this.largest = Math.max(this.largest, NOTHING_N);
     }
     this.reach();
     this.paint();
@@ -158,7 +165,10 @@ export class Stage {
         const box = new THREE.Box3().setFromObject(group);
         if (!box.isEmpty()) boxes.push(box);
       });
+      if (this.arrows) this.forces(at);
+      this.forceNow?.forEach(([, , tip]) => boxes.push(new THREE.Box3(tip, tip)));
     }
+    if (!boxes.length) boxes.push(this.box.clone()); // bodies that are nothing to be seen
     this.moved = boxes;
     const whole = boxes.reduce((all, box) => all.union(box), new THREE.Box3());
     this.world.frame(whole, this.drawn.normal, boxes);
@@ -202,7 +212,7 @@ export class Stage {
     this.joints.forEach((mark) => { mark.visible = this.shown.joints; });
     this.markers.forEach((dot) => { dot.visible = this.shown.joints || Boolean(this.motion); });
     this.ghosts?.forEach(({ group }) => { group.visible = this.shown.drawing; });
-    this.trails?.forEach((trail) => { trail.visible = this.shown.trails && this.shown.seen; });
+    if (this.trails) this.trails.visible = this.shown.trails && this.shown.seen;
     if (this.motion && this.time_s !== undefined) this.show(this.time_s);
     this.world.changed();
   }
@@ -216,7 +226,6 @@ export class Stage {
   // Names to be written over the picture: [text, x, y, kind].
   names() {
     if (!this.shown.names) return [];
-    this.world.scene.updateMatrixWorld();
     const place = new THREE.Vector3(), named = [];
     const room = this.drawn.joints.length <= 14;
     for (const [id, mark] of this.joints) {

@@ -4,7 +4,8 @@ import { OrbitControls, THREE } from "nicegui-scene";
 const ROOM = 1.12; // of the mechanism's own size, so that nothing touches the frame
 const MOST_PIXELS = 2; // sharper than that costs time and shows no more
 const FLUENT_MS = 18.5; // between two frames while it plays: 60 a second, and a little
-const COARSEST = 0.4; // of the screen's own pixels
+const COARSEST = 0.6; // of the screen's own pixels
+const JUDGED_MS = 500; // of a very slow machine
 const JUDGED = 12; // frames before the next change of coarseness
 
 // A machine without a graphics card draws every pixel by its processor: it gets one sample for each.
@@ -23,8 +24,12 @@ export class World {
     this.sharp = software ? 1 : Math.min(window.devicePixelRatio || 1, MOST_PIXELS);
     this.coarse = 1;
     this.paces = [];
+    this.hurry = false;
+    this.hurried = () => {}; // told when to leave out what is fine, and when not
     this.renderer.setPixelRatio(this.sharp);
     this.scene = new THREE.Scene();
+    this.scene.matrixWorldAutoUpdate = false; // once a frame, for all that follows
+    this.followers = new Set();
     this.camera = new THREE.OrthographicCamera(-1, 1, 1, -1, 0.01, 10);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
@@ -127,19 +132,29 @@ export class World {
   render() {
     this.lamp.position.copy(this.camera.position).addScaledVector(this.camera.up, 2 * this.radius);
     this.lamp.target.position.copy(this.center);
+    this.scene.updateMatrixWorld();
+    this.followers.forEach((swarm) => swarm.follow());
     this.renderer.render(this.scene, this.camera);
   }
 
   // Told how long each frame took while it plays: draws coarser where the machine cannot follow.
   pace(ms) {
     this.paces.push(ms);
-    if (this.paces.length < JUDGED) return;
-    const usual = this.paces.sort((a, b) => a - b)[Math.floor(JUDGED / 2)];
+    if (this.paces.length < JUDGED && this.paces.length * ms < JUDGED_MS) return;
+    const usual = this.paces.sort((a, b) => a - b)[Math.floor(this.paces.length / 2)];
     this.paces = [];
-    if (usual > FLUENT_MS && this.coarse > COARSEST) this.sharpen(Math.max(COARSEST, this.coarse * Math.max(0.6, Math.sqrt(FLUENT_MS / usual))));
+    if (usual <= FLUENT_MS) return;
+    if (!this.hurry) this.hurried(this.hurry = true);
+    else if (this.coarse > COARSEST) this.coarser(Math.max(COARSEST, this.coarse * Math.max(0.6, Math.sqrt(FLUENT_MS / usual))));
   }
 
-  sharpen(coarse) {
+  // As fine as can be again, once it stands.
+  sharpen() {
+    if (this.hurry) this.hurried(this.hurry = false);
+    this.coarser(1);
+  }
+
+  coarser(coarse) {
     this.paces = [];
     if (coarse === this.coarse) return;
     this.coarse = coarse;
@@ -163,7 +178,8 @@ export class World {
     const ray = new THREE.Raycaster();
     ray.setFromCamera(new THREE.Vector2(2 * x / width - 1, 1 - 2 * y / height), this.camera);
     for (const hit of ray.intersectObjects(this.scene.children, true)) {
-      if (hit.object.userData.part && hit.object.visible) return hit.object.userData.part;
+      const { part, parts } = hit.object.userData, found = parts ? parts[hit.instanceId] : part;
+      if (found && hit.object.visible) return found;
     }
     return null;
   }
@@ -171,5 +187,6 @@ export class World {
   close() {
     this.controls.dispose();
     this.renderer.dispose();
+    this.renderer.forceContextLoss(); // a browser grants sixteen; garbage keeps its own for a while
   }
 }
