@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,7 @@ from backend.mechanism.study import Study
 ALPHA = 0.01
 DEEPEST = 4  # effects in one explanation
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
-IN_THE_PICTURE = 0.99  # probability of the camera beyond which no effect that switches on is tried
+IN_THE_PICTURE = 0.99  # probability of camera and markers beyond which no effect that switches on is tried
 LOUD = 0.25  # noise variances a sample: what must be left for a third effect to be sought
 BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
@@ -114,9 +114,7 @@ class Climb:
         if self._settled(best, last):
             return best, last
         places = shares(place_evidence(best.fitted, self.search.latent, self.scale))
-        if not refused and (
-            places.get("camera", 0.0) > IN_THE_PICTURE or last.excess * best.fitted.r.size < WORTH_A_TRY
-        ):
+        if not refused and (_in_the_picture(places) > IN_THE_PICTURE or last.excess * best.fitted.r.size < WORTH_A_TRY):
             return best, last  # what is left does not lie in the mechanism, or is too little to bear another effect
         motion = passed(self.baseline.fitted)
         # Friction that grows with load first: of all these it is most like what is smooth, and needs no blows followed.
@@ -304,3 +302,8 @@ def form(cause: Cause) -> float:
     """Share of a gap's size that the right cause may leave, because no law is exact."""
     strikes = any(c.family not in (SMOOTH, LOAD) for c in cause.candidates)
     return BLOWS if strikes else SMALL
+
+
+def _in_the_picture(places: Mapping[str, float]) -> float:
+    """Share of what is left that lies in markers and camera, which no effect of the mechanism could bear."""
+    return sum(share for place, share in places.items() if place == "camera" or place.startswith("marker:"))

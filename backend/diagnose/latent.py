@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.flutter import flutters, waves
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import ALIKE, Subject, bumps_at
 from backend.fit.measured import AXES
@@ -100,6 +101,10 @@ def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarra
     bent = warp(fitted, seer, axes)
     size = np.median(np.linalg.norm(stacked["camera"], axis=0))
     stacked["camera"] = np.concatenate([stacked["camera"], bent * size / np.linalg.norm(bent, axis=0)], 1)
+    for marker, hz in flutters(fitted).items():
+        place = marker if len(markers) > 1 else "camera"
+        more = _blocks(n, seer.rows, waves(fitted, marker, hz))
+        stacked[place] = np.concatenate([stacked[place], more * size / np.linalg.norm(more, axis=0)], 1)
     return stacked if len(markers) > 1 else {"camera": stacked["camera"]}
 
 

@@ -1,9 +1,9 @@
 """How probable it is that something outside the library causes the gap: a law of unknown form at one place.
 
 At a joint, a force that depends on where the joint is, how fast it moves and how fast it speeds up, the same in every
-experiment; of a marker or the whole picture, a shift that depends on where it is seen, or a clock that runs unevenly;
-or, with no law at all, forces and shifts against time. Each is a handful of columns with sizes that are not known
-beforehand, and pays for them in evidence as every cause does.
+experiment; of a marker or the whole picture, a shift that depends on where it is seen, a flutter, or a clock that runs
+unevenly; or, with no law at all, forces and shifts against time. Each is a handful of columns with sizes that are not
+known beforehand, and pays for them in evidence as every cause does.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.flutter import flutters, waves
 from backend.diagnose.latent import Latent, evidence, log_mean, markers_and_axes, warp
 from backend.diagnose.subject import bumps_at
 
@@ -97,6 +99,9 @@ def laws_of(
         made["camera"] = [(True, np.concatenate([warp(fitted, seer, axes), _clock(fitted, seer)], 1))]
         if len(markers) > 1:
             made |= {m: [(True, warp(fitted, seer, axes, m))] for m in markers}
+        for marker, hz in flutters(fitted).items():
+            law = block_diag(*waves(fitted, marker, hz))
+            made[marker if len(markers) > 1 else "camera"].append((False, law))
     return {k: [(few, L) for few, L in forms if L.shape[1] and np.linalg.norm(L) > 0] for k, forms in made.items()}
 
 
