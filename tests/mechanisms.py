@@ -169,6 +169,21 @@ def fourbar(
     return drawing("fourbar", bars, pins, effects, [("knee", "coupler", corners[2])])
 
 
+SPAN_M, SIDE_M = 0.2, 0.1
+
+
+def parallelogram(effects: Sequence[Effect] = (), angle: float = 1.0) -> Mechanism:
+    """Two equal cranks and a coupler; the ground is a bar between their pins, drawn with its mass."""
+    across, up = SPAN_M * np.array([1.0, 0, 0]), SIDE_M * np.array([np.cos(angle), np.sin(angle), 0.0])
+    corners = [0 * up, up, up + across, across]
+    bars = [bar("crank", *corners[:2]), bar("coupler", *corners[1:3]), bar("rocker", corners[3], corners[2])]
+    ends = ["ground", "crank", "coupler", "rocker", "ground"]
+    pins = [(f"j{i + 1}", "revolute", ends[i], ends[i + 1], corners[i], Z) for i in range(4)]
+    drawn = document(drawing("parallelogram", bars, pins, effects))
+    drawn["bodies"][0]["inertial"] = bar("ground", corners[0], corners[3])["inertial"]
+    return parse_mechanism(drawn)
+
+
 def slider_crank(
     angle: float = 0.4, crank: float = 0.05, rod: float = 0.15, effects: Sequence[Effect] = ()
 ) -> Mechanism:

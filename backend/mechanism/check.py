@@ -27,7 +27,9 @@ def check_text(report: GraphReport) -> str:
     for found in report.contacts:
         pairs = _few(["-".join(pair) for pair in found.pairs])
         lines.append(
-            f"contacts  {found.effect}: {_many(len(found.pairs), 'pair')} may meet" + (f": {pairs}" if pairs else "")
+            f"contacts  {found.effect}: {_many(len(found.pairs), 'pair')} may meet"
+            + (f": {pairs}" if pairs else "")
+            + (f"; none meets {_few(list(found.shapeless))}, drawn without a bar's shape" if found.shapeless else "")
         )
     lines += [f"error: {text}" for text in report.errors]
     lines += [f"warning: {text}" for text in report.warnings]

@@ -1,8 +1,9 @@
 """Links that may meet, found in the drawing: what a `link_contact` on "all" stands for.
 
-A link is a moving body that joints hold in two places.  Its capsule reaches between the two that are farthest apart, in
-a planar mechanism at the height of its centre of mass.  Two links may meet unless a joint connects them, they lie in
-different layers of a planar mechanism, or they overlap as drawn: such a pair evidently passes in depth.
+A link is a body with mass, moving or fixed, that joints hold in two places.  Its capsule reaches between the two that
+are farthest apart, in a planar mechanism at the height of its centre of mass.  Two links may meet unless both are
+fixed, a joint connects them, they lie in different layers of a planar mechanism, or they overlap as drawn: such a pair
+evidently passes in depth.
 """
 
 from __future__ import annotations
@@ -29,12 +30,15 @@ class FoundContacts(Part):
     effect: str
     pairs: tuple[tuple[str, str], ...]
     overlapping: tuple[tuple[str, str], ...]
+    shapeless: tuple[str, ...] = ()
+    """Fixed bodies that nothing meets: drawn without mass, or held in one place only."""
 
 
 class Link(NamedTuple):
     """A link's capsule [m] and, in a planar mechanism, its layer."""
 
     id: str
+    fixed: bool
     ends: np.ndarray
     """(2, 3) in body axes."""
     ends_W: np.ndarray
@@ -80,7 +84,8 @@ def _found(mechanism: Mechanism, effect: Effect) -> tuple[FoundContacts, dict[st
     pairs, overlapping = [], []
     for a, b in combinations(links, 2):
         # Half of their thickness: a link of the next layer is a whole one away.
-        if {a.id, b.id} in joined or abs(a.height - b.height) >= 0.25 * (a.thickness + b.thickness):
+        layers_apart = abs(a.height - b.height) >= 0.25 * (a.thickness + b.thickness)
+        if (a.fixed and b.fixed) or {a.id, b.id} in joined or layers_apart:
             continue
         sunk = _distance(a.ends_W, b.ends_W) < (1.0 - SUNK) * (a.radius + b.radius)
         (overlapping if sunk else pairs).append((a.id, b.id))
@@ -89,8 +94,10 @@ def _found(mechanism: Mechanism, effect: Effect) -> tuple[FoundContacts, dict[st
             f'effect "{effect.id}": {len(pairs)} pairs of links may meet, more than {MOST_PAIRS}; draw the links in '
             "their layers, or name the pairs that do meet, each in a link_contact of its own"
         )
-    found = FoundContacts(effect=effect.id, pairs=tuple(pairs), overlapping=tuple(overlapping))
-    return found, {link.id: link for link in links}
+    by_id = {link.id: link for link in links}
+    shapeless = tuple(body.id for body in mechanism.bodies if body.fixed and body.id not in by_id)
+    found = FoundContacts(effect=effect.id, pairs=tuple(pairs), overlapping=tuple(overlapping), shapeless=shapeless)
+    return found, by_id
 
 
 def _links(mechanism: Mechanism, effect: Effect) -> list[Link]:
@@ -101,8 +108,10 @@ def _links(mechanism: Mechanism, effect: Effect) -> list[Link]:
         np.asarray(effect.parameters[name], float) for name in ("radius_a_m", "radius_b_m") if name in effect.parameters
     ]
     links = []
-    for body in mechanism.moving_bodies():
-        R, inertial = poses[body.id][1], body.moving_inertial()
+    for body in mechanism.bodies:
+        R, inertial = poses[body.id][1], body.inertial
+        if inertial is None or not 0.0 < inertial.mass_kg < np.inf:
+            continue
         n = None if normal is None else R.T @ normal
         c = np.array(inertial.center_of_mass_m)
         held = [
@@ -124,7 +133,7 @@ def _links(mechanism: Mechanism, effect: Effect) -> list[Link]:
         thickness = np.inf if n is None else float(np.sqrt(12 * max(n @ spread @ n, 0.0)))
         height = 0.0 if n is None else float(normal @ (poses[body.id][0] + R @ c))
         radius = given[0] if given else np.sqrt(3 * max(across @ spread @ across, 0.0))  # half the breadth of a bar
-        links.append(Link(body.id, ends, poses[body.id][0] + ends @ R.T, float(radius), height, thickness))
+        links.append(Link(body.id, body.fixed, ends, poses[body.id][0] + ends @ R.T, float(radius), height, thickness))
     return links
 
 

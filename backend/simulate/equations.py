@@ -98,6 +98,10 @@ class Linearised(NamedTuple):
     """The equations' slope at one point, factored."""
 
     factor: linear.Factor
+    bodies: Float[Array, "slots 6 6"]
+    """What the matrix has on every body beside what its links bring."""
+    others: Float[Array, "others 12 12"]
+    """Blocks of links that are not joints."""
     here: Float[Array, "joints 6 12"]
     there: Float[Array, "joints 6 12"]
     slope: law.Slope
@@ -276,19 +280,38 @@ def linearise(system: System, at: Frame, unknowns: Unknowns, led: There) -> Line
     own = own + touch.on_bodies
     others = jnp.concatenate([others, touch.between])
     factor = linear.factor(system.topology, own, at.jacobian, slope.stiffness, there, others)
-    return Linearised(factor, at.jacobian, there, slope, touch, impulses, turn)
+    return Linearised(factor, own, others, at.jacobian, there, slope, touch, impulses, turn)
 
 
-def direction(system: System, at: Linearised, residual: Unknowns) -> Unknowns:
-    """The change of the unknowns that cancels a residual; linear in the residual."""
+def direction(system: System, at: Linearised, residual: Unknowns, refined: bool = False) -> Unknowns:
+    """The change of the unknowns that cancels a residual; linear in the residual.
+
+    refined: solve once more for what the first solution leaves.  Stiff rows (1/ε) leave it 1e-8 of itself in rounding,
+    which Newton's next iteration removes, but a derivative would keep.
+    """
     offset, walls = law.offset(system, at.slope, at.impulses, residual.impulses)
     change, pushed = meeting.offset(system, at.touch, at.impulses, residual.impulses)
-    moved = linear.solve(at.factor, _on_bodies(system, at.here, offset) + pushed - residual.xi)
+    wanted = _on_bodies(system, at.here, offset) + pushed - residual.xi
+    moved = linear.solve(at.factor, wanted)
+    if refined:
+        moved = moved + linear.solve(at.factor, wanted - _answered(system, at, moved))
     dy = apply(at.there, _of_pairs(system, system.topology.joints, moved))
     xi = jnp.concatenate([moved[:, :3], apply(at.turn, moved[:, 3:])], -1)
     rows = offset - law.react(system, at.slope, dy)
     touches, pads = meeting.respond(system, at.touch, change, moved)
     return Unknowns(xi, Impulses(rows, law.walls_respond(system, at.slope, walls, dy), touches, pads))
+
+
+def _answered(system: System, at: Linearised, moved: BodyRows) -> BodyRows:
+    """The condensed matrix times a motion of the bodies, link by link: stiffness meets what joints give way by."""
+    topology = system.topology
+    dy = apply(at.there, _of_pairs(system, topology.joints, moved))
+    answered = jnp.einsum("bij,bj->bi", at.bodies, moved) + _on_bodies(system, at.here, law.react(system, at.slope, dy))
+    others = topology.struts + topology.touches
+    if others:
+        carried = jnp.einsum("oij,oj->oi", at.others, _of_pairs(system, others, moved))
+        answered = answered + forces.collect(topology.sides_of(np.array(others, dtype=int)), carried)
+    return answered
 
 
 def _mean_velocity(at: Frame, xi: BodyRows) -> BodyRows:

@@ -56,8 +56,7 @@ def factor(
 
     def eliminate(carried: Array, level: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         block, below, above = level
-        inverse = _inverse(block - carried)
-        coupling = _product(inverse, above)
+        inverse, coupling = _eliminated(block - carried, above)
         return _product(below, coupling), (inverse, coupling)
 
     _, (pivots, couplings) = lax.scan(eliminate, jnp.zeros((n, n)), (diagonal, lower, upper))
@@ -92,27 +91,38 @@ def _product(a: Float[Array, "n n"], b: Float[Array, "n *m"]) -> Float[Array, "n
 
 
 @jax.custom_jvp
-def _inverse(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """By Gauss and Jordan with the pivots in their order, as matrices of inertia and stiffness allow; where one of them
-    is too small, LAPACK's, in a loop so that a batch none of whose samples asks for it does without.
+def _eliminated(a: Float[Array, "n n"], above: Float[Array, "n n"]) -> tuple[Float[Array, "n n"], Float[Array, "n n"]]:
+    """a⁻¹ and a⁻¹ above, by Gauss and Jordan with the pivots in their order, as inertia and stiffness allow; where one
+    of them is too small, LAPACK's, in a loop so that a batch none of whose samples asks for it does without.
+
+    Both come of the same row operations.  The product of inverse and `above` would be off by rounding times the
+    condition of a: where a stiff joint links a body that nothing stiff holds to the next, more than the mass of either.
     """
     n = a.shape[-1]
-    each = jnp.arange(n)
+    each = jnp.arange(2 * n)
 
     def eliminate(k: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
         b, share = now
         own = each == k
         row = jnp.where(own, 1.0, b[k]) / b[k, k]
         others = jnp.where(own, 0.0, b) - b[:, k, None] * row
-        return jnp.where(own[:, None], row, others), jnp.maximum(share, jnp.where(each > k, jnp.abs(row), 0.0))
+        behind = jnp.where(each[:n] > k, jnp.abs(row[:n]), 0.0)
+        return jnp.where(own[:n, None], row, others), jnp.maximum(share, behind)
 
-    in_order, share = lax.fori_loop(0, n, eliminate, (a, jnp.zeros(n)), unroll=2)
+    both = jnp.concatenate([a, above], -1)
+    in_order, share = lax.fori_loop(0, n, eliminate, (both, jnp.zeros(n)), unroll=2)
     refused = ~jnp.all(share < UNPIVOTED)
-    begin = refused, jnp.where(refused, a, in_order)
-    return lax.while_loop(lambda now: now[0], lambda now: (~now[0], jnp.linalg.inv(now[1])), begin)[1]
+
+    def pivoted(now: tuple[Array, Array]) -> tuple[Array, Array]:
+        return ~now[0], jnp.linalg.solve(now[1][:, :n], jnp.concatenate([jnp.eye(n), now[1][:, n:]], -1))
+
+    begin = refused, jnp.where(refused, both, in_order)
+    made = lax.while_loop(lambda now: now[0], pivoted, begin)[1]
+    return made[:, :n], made[:, n:]
 
 
-@_inverse.defjvp
-def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    inverse = _inverse(*primals)
-    return inverse, -inverse @ tangents[0] @ inverse
+@_eliminated.defjvp
+def _eliminated_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[tuple, tuple]:
+    inverse, coupling = _eliminated(*primals)
+    by_a, by_above = tangents
+    return (inverse, coupling), (-inverse @ by_a @ inverse, inverse @ (by_above - by_a @ coupling))

@@ -191,7 +191,7 @@ def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
 
     _, change = jax.jvp(moving, (system, at, unknowns), (*tangents[:2], first))
     linearised = linearise(system, at, unknowns, ahead(system, at, unknowns.xi))
-    answer = jax.tree.map(jnp.add, first, direction(system, linearised, change))
+    answer = jax.tree.map(jnp.add, first, direction(system, linearised, change, refined=True))
     # Led to anew, so that a derivative backwards in time keeps the solution alone.
     there, there_change = jax.jvp(ahead, (system, at, unknowns.xi), (*tangents[:2], answer.xi))
     none = jnp.zeros((), dtype=jax.dtypes.float0)

@@ -224,11 +224,8 @@ def loaded(model):
     return {address: jnp.asarray(rig.sized(address), dtype=float) for address in rig.scalars(model)}
 
 
-TWO_RINGS = pytest.mark.xfail(
-    reason="slopes through a soft, bouncing two-ring bearing are off by up to 2%: docs/status.md"
-)
 QUESTIONED = [
-    pytest.param(address, marks=TWO_RINGS if address[0] == "clearance" else (), id="-".join(address))
+    pytest.param(address, id="-".join(address))
     for model in (rig.laden(), *map(rig.struck, rig.STRIKING))
     for address in rig.scalars(model)
 ]

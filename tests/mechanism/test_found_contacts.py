@@ -9,7 +9,7 @@ from backend.mechanism.found_contacts import contacts_declared, found_contacts
 from backend.mechanism.graph import describe
 from backend.mechanism.read import parse_mechanism
 from benchmarks.scissor import LENGTH_M, WIDTH_M, scissor
-from tests.mechanisms import bennett, effect, fourbar
+from tests.mechanisms import SPAN_M, bennett, effect, fourbar, parallelogram
 
 
 def meeting(mechanism, **parameters):
@@ -72,8 +72,23 @@ def test_bars_in_space_meet_in_any_layer():
     assert pairs(meeting(bennett(), radius_a_m=0.005)) == {frozenset(("link0", "link2"))}
 
 
-def test_check_names_the_pairs():
-    assert "contacts  meet: 1 pair may meet: crank-rocker" in check_text(describe(meeting(fourbar())))
+def test_a_ground_drawn_as_a_bar_is_met_by_links_that_no_joint_connects_with_it():
+    assert pairs(meeting(parallelogram())) == {frozenset(("crank", "rocker")), frozenset(("coupler", "ground"))}
+    declared = contacts_declared(meeting(parallelogram())).effect("meet@ground-coupler").parameters
+    np.testing.assert_allclose([declared["start_a_m"], declared["end_a_m"]], [[0, 0, 0], [SPAN_M, 0, 0]])
+    assert declared["radius_a_m"] == pytest.approx(0.5 * WIDTH_M)
+
+
+def test_a_ground_in_another_layer_is_not_met():
+    document = parallelogram().model_dump(mode="json")
+    document["bodies"][0]["inertial"]["center_of_mass_m"][2] = WIDTH_M
+    assert pairs(meeting(parse_mechanism(document))) == {frozenset(("crank", "rocker"))}
+
+
+def test_check_names_the_pairs_and_a_ground_that_nothing_meets():
+    text = check_text(describe(meeting(fourbar())))
+    assert "contacts  meet: 1 pair may meet: crank-rocker; none meets ground, drawn without a bar's shape" in text
+    assert "none meets" not in check_text(describe(meeting(parallelogram())))
 
 
 def test_too_many_pairs_are_refused_with_their_number():

@@ -58,6 +58,29 @@ def test_adjoint_slopes_through_contact_are_the_forward_ones_transposed(slopes):
     ).all()
 
 
+@pytest.mark.parametrize("place", [0, 1, 3], ids=["radial_m", "friction_coefficient", "restitution"])
+def test_slopes_through_many_bounces_are_those_of_the_motion_as_simulated(place):
+    """Only narrow differences show it: 1e-5 more play already moves a blow into another step."""
+    bouncing = {**AT, "stiffness_n_per_m": 1e10, "restitution": 0.8}
+    model, (name, size) = loose_bar(0.6, **bouncing), list(bouncing.items())[place]
+
+    @jax.jit
+    def seen(x):
+        # Solved as far as it goes: what a tolerance leaves has a slope of its own, of 1e-4.
+        plant = system(model.with_parameters({("play", name): x * size}), 0.0)
+        path = rollout(plant, Start(drawn_pose(model, plant), still(model)), STEP_S, 75)
+        return jnp.concatenate([path.q.ravel(), path.pose.position.ravel()]), path.wall[:, 0] > 0.5
+
+    pushed = np.asarray(seen(1.0)[1])
+    assert (pushed[1:] & ~pushed[:-1]).sum() >= 3  # blows
+    slope = jax.jit(jax.jacfwd(lambda x: seen(x)[0]))(1.0)
+    apart = []
+    for by in (1e-8, 1e-7):
+        difference = (seen(1.0 + by)[0] - seen(1.0 - by)[0]) / (2 * by)
+        apart.append(np.linalg.norm(difference - slope) / np.linalg.norm(difference))
+    assert min(apart) < 1e-5, apart
+
+
 @eqx.filter_jit
 def _end(model, step_s, barrier, steps):
     plant = system(model)

@@ -102,25 +102,30 @@ inline void blend(Size n, const double* keep, double times, const double* x, dou
 
 // Room for one block and its pivots.
 struct Scratch {
-  std::vector<double> block, pivot_row, ones;
+  std::vector<double> block, beside, pivot_row, ones;
   std::vector<int> pivot;  // column of each row's pivot
   std::vector<char> taken;
   void fit(int n) {
     if (static_cast<int>(pivot.size()) == n) return;
-    block.resize(n * n), pivot_row.resize(n), pivot.resize(n), taken.resize(n);
+    block.resize(n * n), beside.resize(n * n), pivot_row.resize(n), pivot.resize(n), taken.resize(n);
     ones.assign(2 * n, 1.0);
     ones[n] = 0.0;
   }
 };
 
-// a <- a^-1 by Gauss and Jordan, each row's pivot its largest entry in a column not taken yet.  A singular block becomes
-// inf and NaN.  Rows are written whole: a single entry written into a row stalls the next reading of the row.
+// a <- a^-1 and above, if there is any, <- a^-1 above, by Gauss and Jordan, each row's pivot its largest entry in a column
+// not taken yet.  A singular block becomes inf and NaN.  Rows are written whole: a single entry written into a row stalls
+// the next reading of the row.
+//
+// Both come of the same row operations: the product of inverse and `above` would be off by rounding times the condition
+// of a, which outweighs a body's mass where a stiff joint links it to one that nothing stiff holds.
 template <class Size>
-void invert(Size n, double* __restrict a, Scratch& scratch) {
-  double *b = scratch.block.data(), *pivot_row = scratch.pivot_row.data();
+void eliminate(Size n, double* __restrict a, double* __restrict above, Scratch& scratch) {
+  double *b = scratch.block.data(), *beside = scratch.beside.data(), *pivot_row = scratch.pivot_row.data();
   int* __restrict pivot = scratch.pivot.data();
   char* __restrict taken = scratch.taken.data();
   std::copy_n(a, n * n, b);
+  if (above) std::copy_n(above, n * n, beside);
   std::fill_n(taken, n, 0);
   for (int k = 0; k < n; ++k) {
     const double* row = b + k * n;
@@ -136,39 +141,62 @@ void invert(Size n, double* __restrict a, Scratch& scratch) {
     const double by = 1.0 / row[column];
     const double* but = scratch.ones.data() + (n - column);  // 0 in the pivot's column, 1 elsewhere
     for (int j = 0; j < n; ++j) pivot_row[j] = by * (but[j] * row[j] + (1.0 - but[j]));
+    if (above)
+      for (int j = 0; j < n; ++j) beside[k * n + j] *= by;
     for (int step = 1; step < n; ++step) {  // the next row first: its pivot is sought while the others follow
       const int i = k + step < n ? k + step : k + step - n;
-      blend(n, but, -b[i * n + column], pivot_row, b + i * n);
+      const double times = -b[i * n + column];
+      if (above) add(n, times, beside + k * n, beside + i * n);
+      blend(n, but, times, pivot_row, b + i * n);
     }
     std::copy_n(pivot_row, n, b + k * n);
   }
-  for (int k = 0; k < n; ++k)
+  for (int k = 0; k < n; ++k) {
     for (int m = 0; m < n; ++m) a[pivot[k] * n + m] = b[k * n + pivot[m]];
+    if (above) std::copy_n(beside + k * n, n, above + pivot[k] * n);
+  }
 }
 
-// The same with the pivots in their order, as matrices of inertia and stiffness allow.  Where one of them is too small a
-// stays as it was, and the answer is false.
+// Some columns of the rows beside a block, as its elimination changes them: row k is taken share[k][i] times off every
+// other row i, and then times share[k][k].
+template <class Lanes, int N>
+inline void follow(const double (&share)[N][N], double* rows) {
+  Lanes b[N];
+  for (int i = 0; i < N; ++i) std::memcpy(&b[i], rows + i * N, sizeof b[i]);
+#pragma GCC unroll 24  // so that all of b stays in registers
+  for (int k = 0; k < N; ++k) {
+    const Lanes row = b[k];
+#pragma GCC unroll 24
+    for (int i = 0; i < N; ++i) b[i] -= share[k][i] * row;
+    b[k] = share[k][k] * row;
+  }
+  for (int i = 0; i < N; ++i) std::memcpy(rows + i * N, &b[i], sizeof b[i]);
+}
+
+// The same with the pivots in their order, as matrices of inertia and stiffness allow.  Where one of them is too small
+// all stays as it was, and the answer is false.
 template <int N>
-bool invert_in_order(Fixed<N>, double* __restrict a) {
+bool eliminate_in_order(Fixed<N>, double* __restrict a, double* __restrict above) {
   constexpr int LANES = 8, PARTS = (N + LANES - 1) / LANES;
   constexpr EightNumbers COUNT = {0, 1, 2, 3, 4, 5, 6, 7};
   constexpr Eight ZERO = {};
   Eight b[N][PARTS] = {}, largest = ZERO;
+  double share[N][N];
   for (int i = 0; i < N; ++i) std::memcpy(b[i], a + i * N, N * sizeof(double));
 #pragma GCC unroll 12
   for (int k = 0; k < N; ++k) {
     const int part = k / LANES, lane = k % LANES;
-    const double by = 1.0 / b[k][part][lane];
+    const double by = share[k][k] = 1.0 / b[k][part][lane];
     Eight row[PARTS];
     for (int p = 0; p < PARTS; ++p) {
       const EightNumbers beyond = COUNT - (k - p * LANES);
       row[p] = beyond == 0 ? ZERO + by : by * b[k][p];
-      const Eight share = beyond > 0 ? row[p] : ZERO, size = share < 0.0 ? -share : share;
+      const Eight behind = beyond > 0 ? row[p] : ZERO, size = behind < 0.0 ? -behind : behind;
       largest = size > largest ? size : largest;
     }
     for (int step = 1; step < N; ++step) {
       const int i = (k + step) % N;  // as above
-      const double times = b[i][part][lane];
+      const double times = share[k][i] = b[i][part][lane];
       for (int p = 0; p < PARTS; ++p) b[i][p] = (COUNT == k - p * LANES ? ZERO : b[i][p]) - times * row[p];
     }
     std::copy_n(row, PARTS, b[k]);
@@ -176,10 +204,20 @@ bool invert_in_order(Fixed<N>, double* __restrict a) {
   for (int j = 0; j < LANES; ++j)
     if (!(largest[j] < UNPIVOTED)) return false;
   for (int i = 0; i < N; ++i) std::memcpy(a + i * N, b[i], N * sizeof(double));
+  if (!above) return true;
+  for (int k = 0; k < N; ++k) {
+    const double by = share[k][k];
+    for (int i = 0; i < N; ++i) share[k][i] *= by;
+    share[k][k] = by;
+  }
+  int j = 0;
+  for (; j + 8 <= N; j += 8) follow<Eight>(share, above + j);
+  for (; j + 4 <= N; j += 4) follow<Four>(share, above + j);
+  for (; j < N; j += 2) follow<Two>(share, above + j);
   return true;
 }
 
-inline bool invert_in_order(Loose, double*) { return false; }
+inline bool eliminate_in_order(Loose, double*, double*) { return false; }
 
 // What a . b is the total of; n is a multiple of the lanes.
 template <class Lanes>
@@ -277,16 +315,12 @@ void factor_one(Size n, const Shape& shape, const Blocks& at) {
   assemble(n, shape, at);
   const int64_t size = static_cast<int64_t>(n) * n;
   thread_local Scratch scratch;
-  thread_local std::vector<double> above;
-  scratch.fit(n), above.resize(size);
+  scratch.fit(n);
   for (int64_t level = 0; level < shape.levels; ++level) {
-    double *inverse = at.pivot_inverse + level * size, *coupling = at.coupling + level * size;
-    if (!invert_in_order(n, inverse)) invert(n, inverse, scratch);
-    if (level + 1 == shape.levels) break;
-    above.assign(coupling, coupling + size);
-    std::fill_n(coupling, size, 0.0);
-    multiply(n, n, 1.0, {inverse, n, 1}, above.data(), coupling, n);
-    multiply(n, n, -1.0, {at.lower + level * size, n, 1}, coupling, inverse + size, n);
+    const bool last = level + 1 == shape.levels;
+    double *inverse = at.pivot_inverse + level * size, *coupling = last ? nullptr : at.coupling + level * size;
+    if (!eliminate_in_order(n, inverse, coupling)) eliminate(n, inverse, coupling, scratch);
+    if (!last) multiply(n, n, -1.0, {at.lower + level * size, n, 1}, coupling, inverse + size, n);
   }
 }
 
