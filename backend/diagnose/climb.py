@@ -22,6 +22,7 @@ ALPHA = 0.01
 DEEPEST = 4  # effects in one explanation
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
 IN_THE_PICTURE = 0.99  # probability of camera and markers beyond which no effect that switches on is tried
+BEYOND_DOUBT = 0.99
 LOUD = 0.25  # noise variances a sample: what must be left for a third effect to be sought
 BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
@@ -77,7 +78,7 @@ class Climb:
             if self._out_of_reach(top, judged):
                 self._tell("nothing smooth in the library could take what is left")
                 break
-            level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS)
+            level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS, place=self._place(top))
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
         if len(best.candidates) > SURE and self._may_mislead(best) and not self._cancelled():
@@ -85,6 +86,12 @@ class Climb:
         if len(best.candidates) > 1 and self.enough(found) and not self._cancelled():
             best, found = self._thinned(best, found)
         return best, found
+
+    def _place(self, top: Cause) -> str | None:
+        """Where what a cause leaves lies beyond doubt."""
+        found = shares(place_evidence(top.fitted, self.search.latent, self.scale))
+        place = max(found, key=lambda at: found[at], default=None)
+        return place if place is not None and found[place] > BEYOND_DOUBT else None
 
     def _thinned(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
         """A set that is enough with a member given up, where that is more probable: the first of a pair may have been

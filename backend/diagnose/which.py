@@ -130,19 +130,23 @@ class Search:
             best, x = made, made.x
         return best or whole
 
-    def level(self, parents: Sequence[Cause], refits: int, rival: Cause | None = None) -> list[Cause]:
+    def level(
+        self, parents: Sequence[Cause], refits: int, rival: Cause | None = None, place: str | None = None
+    ) -> list[Cause]:
         """Each parent with one more candidate: the most promising, refitted over what any of them can follow. A form
         that contains a simpler one is tried where the simpler came out best. rival: a set that they must come near on
-        their way to whole records.
+        their way to whole records. place: where what the first parent leaves is known to lie; all that acts there is
+        tried beside it, because first order may rank low what is not linear in two of its numbers.
         """
         made: list[Cause] = []
-        for parent in parents:
+        for i, parent in enumerate(parents):
             about = self.screen(parent)
             free = [c for c in self.subject.library.candidates if _new(c, parent) and not c.sought]
             wider = containing(about, free)
             plain = [c for c in free if all(c not in forms for forms in wider.values())]
             fits: list[Fitted] = []
-            for candidate in self._promising(about, plain, refits):
+            there = [c for c in plain if c.places == (place,) and about.gain(c) > 0.0] if i == 0 else []
+            for candidate in dict.fromkeys([*self._promising(about, plain, refits), *there]):
                 self._join(parent, about.early or about, candidate, fits, rival)
             self._widen(parent, about.early or about, wider, fits, rival)
             made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]

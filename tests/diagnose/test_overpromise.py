@@ -46,7 +46,7 @@ def ended(law: int, value: float, left: np.ndarray) -> Cause:
 @pytest.mark.parametrize("bent", [0.0, 0.4])
 def test_what_the_second_law_promises_about_the_motion_of_the_first(bent: float, monkeypatch: pytest.MonkeyPatch):
     """The truth is the second law. What its motion bends away from first order, only the fit of it knows."""
-    monkeypatch.setattr(module, "library_slopes", lambda fitted: SLOPES)
+    monkeypatch.setattr(module, "library_slopes", lambda fitted, within: SLOPES)
     noise = np.random.default_rng(3).standard_normal(ROWS)
     bends = bent * np.sin(12.0 * T)
     seen = SLOPES[:, 1] + noise
