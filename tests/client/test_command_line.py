@@ -38,7 +38,7 @@ def served(tmp_path_factory):
     """A service that wants a key, whose jobs but simulations are stood in for; the key."""
     folder = tmp_path_factory.mktemp("served")
     reports = folder / "reports"
-    prepared = json.loads((ROOT / "tests" / "browser" / "prepared" / "gap.json").read_text())
+    prepared = json.loads((ROOT / "tests" / "browser" / "prepared" / "diagnose" / "gap.json").read_text())
     for command, file, told in (
         ("fit", "fit", fit_report().model_dump(mode="json")),
         ("diagnose", "gap", prepared),
