@@ -6,6 +6,7 @@ thousands of columns, and left out it passes for noise with a memory.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,12 +36,12 @@ class Power:
         return self.of / self.free
 
 
-def flutters(fitted: Fitted) -> dict[str, float]:
-    """Frequency [Hz] of every marker that flutters, by `marker:ID`."""
+def flutters(fitted: Fitted, markers: Sequence[str]) -> dict[str, float]:
+    """Frequency [Hz] of every one of these (`marker:ID`) that flutters."""
     hz = _frequencies(fitted)
     if hz.size < WINDOW:
         return {}
-    power = {m: p for m in _markers(fitted) if (p := _power(fitted, m, hz)).free}
+    power = {m: p for m in markers if (p := _power(fitted, m, hz)).free}
     found = {}
     for marker, own in power.items():
         near = [own.loud[max(i - WINDOW, 0) : i + WINDOW + 1] for i in range(hz.size)]
@@ -64,10 +65,6 @@ def waves(fitted: Fitted, marker: str, hz: float) -> list[Float[np.ndarray, "row
         own = [np.array([c.at == marker and c.coordinate == a for c in p.data.channels])[p.data.channel] for a in AXES]
         made.append(np.concatenate([white(both * of[:, None]) for of in own if of.any()] or [white(both * 0.0)], 1))
     return made
-
-
-def _markers(fitted: Fitted) -> list[str]:
-    return sorted({c.at for p in fitted.probes for c in p.data.channels if c.at.startswith("marker:")})
 
 
 def _frequencies(fitted: Fitted) -> Float[np.ndarray, " frequencies"]:

@@ -101,7 +101,7 @@ def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarra
     bent = warp(fitted, seer, axes)
     size = np.median(np.linalg.norm(stacked["camera"], axis=0))
     stacked["camera"] = np.concatenate([stacked["camera"], bent * size / np.linalg.norm(bent, axis=0)], 1)
-    for marker, hz in flutters(fitted).items():
+    for marker, hz in flutters(fitted, markers).items():
         place = marker if len(markers) > 1 else "camera"
         more = _blocks(n, seer.rows, waves(fitted, marker, hz))
         stacked[place] = np.concatenate([stacked[place], more * size / np.linalg.norm(more, axis=0)], 1)

@@ -99,7 +99,7 @@ def laws_of(
         made["camera"] = [(True, np.concatenate([warp(fitted, seer, axes), _clock(fitted, seer)], 1))]
         if len(markers) > 1:
             made |= {m: [(True, warp(fitted, seer, axes, m))] for m in markers}
-        for marker, hz in flutters(fitted).items():
+        for marker, hz in flutters(fitted, markers).items():
             law = np.asarray(block_diag(*waves(fitted, marker, hz)))
             made[marker if len(markers) > 1 else "camera"].append((False, law))
     return {k: [(few, L) for few, L in forms if L.shape[1] and np.linalg.norm(L) > 0] for k, forms in made.items()}

@@ -45,12 +45,12 @@ def test_a_sticker_that_flutters_is_named_with_its_frequency(markers: tuple[str,
     rows = noise(1, 0.2, markers)
     for i in range(RUNS):
         rows[i, "marker:a", "x_m"] += 1.3 * np.sin(2.0 * np.pi * 6.1 * TIME + i)
-    assert flutters(left(rows, markers)) == {"marker:a": pytest.approx(6.1, abs=0.2)}
+    assert flutters(left(rows, markers), markers) == {"marker:a": pytest.approx(6.1, abs=0.2)}
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.4])
 def test_noise_does_not_flutter(memory: float):
-    assert [flutters(left(noise(seed, memory))) for seed in range(60)] == [{}] * 60
+    assert [flutters(left(noise(seed, memory)), MARKERS) for seed in range(60)] == [{}] * 60
 
 
 def test_what_all_markers_do_and_what_bumps_follow_is_no_flutter():
@@ -59,5 +59,5 @@ def test_what_all_markers_do_and_what_bumps_follow_is_no_flutter():
         e += (1.5 if marker == "marker:a" else 1.0) * np.sin(2.0 * np.pi * 6.1 * TIME)
     for i in range(RUNS):
         drifting[i, "marker:a", "x_m"] += 8.0 * np.sin(2.0 * np.pi * 0.8 * TIME)
-    assert flutters(left(shaken)) == {}
-    assert flutters(left(drifting)) == {}
+    assert flutters(left(shaken), MARKERS) == {}
+    assert flutters(left(drifting), MARKERS) == {}
