@@ -7,6 +7,7 @@ one compiled program serves them all.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -32,6 +33,7 @@ from backend.model.model import ParameterRow
 SWITCHING = (AbstractJointClearance, AbstractJointStop, AbstractSection)  # nothing to first order while absent
 DECLARED_ONLY = (AbstractLinkContact,)  # their geometry must be drawn
 SMOOTH, LOAD = "smooth", "load"
+PLAYS = frozenset(kind for kind, e in catalogue().items() if issubclass(e, AbstractJointClearance))  # families of play
 TIGHT = 1e-6  # mechanism lengths: play of a pin that is as good as none
 GIVES = (10.0, 1.0, 0.1)  # of the softest stiffness that nobody need state: where a search for it begins
 OF_DRAWN = 0.3  # of a value that is drawn: how far it may be off before any data
@@ -49,6 +51,8 @@ class Candidate:
     kind: str
     on: tuple[str, ...]
     places: tuple[str, ...]
+    reach: frozenset[str]
+    """Its places, and of a joint the bodies that it joins to others: where one thing would act that did the same."""
     parameters: tuple[FreeParameter, ...]
     takes: tuple[tuple[int, ...], ...]
     family: str
@@ -60,6 +64,10 @@ class Candidate:
     """The same, with what nobody states of it free as well: how the walls of a hole give, give back and rub. One for
     each size to begin from."""
 
+    share: float = 1.0
+    """Of its kind's likelihood, beside an equal part for every candidate: each kind is as likely as the next, wherever
+    it may act."""
+
     @property
     def name(self) -> str:
         """`kind:place`, or `kind:all` for a shared one."""
@@ -69,8 +77,8 @@ class Candidate:
 
     @property
     def log_odds(self) -> float:
-        """Of its kind, against the commonest."""
-        return float(np.log(catalogue()[self.kind].odds))
+        """Of its kind, against the commonest, and of its place among those where the kind may act."""
+        return float(np.log(catalogue()[self.kind].odds * self.share))
 
     @property
     def sought(self) -> bool:
@@ -183,10 +191,19 @@ def library(
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
     nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
     unstated = {i: around for i, (p, row) in enumerate(zip(found, rows, strict=True)) if (around := _around(p, row))}
-    candidates = tuple(
-        c for c in _candidates(mechanism, wanted, as_causes, found, tries, unstated) if c.kind not in without
-    )
-    return Library(family, parameters, tuple(added.values()), candidates, nuisances, neutral)
+    candidates = [c for c in _candidates(mechanism, wanted, as_causes, found, tries, unstated) if c.kind not in without]
+    return Library(family, parameters, tuple(added.values()), _shared_out(candidates), nuisances, neutral)
+
+
+def _shared_out(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Every kind as likely as the next, whichever of its places it acts at."""
+    places = Counter(c.kind for c in candidates)
+    mean = len(candidates) / max(len(places), 1)
+
+    def shared(c: Candidate) -> Candidate:
+        return replace(c, share=mean / places[c.kind], closer=tuple(map(shared, c.closer)))
+
+    return tuple(map(shared, candidates))
 
 
 def _can_be_built(mechanism: Mechanism, added: dict[str, Effect]) -> bool:
@@ -248,7 +265,8 @@ def _candidates(
                 own = tuple(parameters[i] for i in each)
                 takes = tuple((i,) for i in each)
                 worth = tuple(tries[i] for i in each)
-                made = Candidate(kind, on, _places(mechanism, on), own, takes, family, worth, len(far) > 1)
+                places, reach = _places(mechanism, on), _reach(mechanism, on)
+                made = Candidate(kind, on, places, reach, own, takes, family, worth, len(far) > 1)
                 rest = [i for i, p in enumerate(parameters) if p.kind == kind and p.on == on and i in unstated]
                 yield replace(made, closer=_closer(made, parameters, {i: unstated[i] for i in rest}))
         if len(at) < 2 or (family != SMOOTH and family != LOAD):
@@ -262,7 +280,8 @@ def _candidates(
                 own = tuple(replace(parameters[t[0]], label="all") for t in takes)
                 everywhere = tuple(o for on in ons for o in on)
                 worth = tuple(tries[t[0]] for t in takes)
-                yield Candidate(kind, everywhere, _places(mechanism, everywhere), own, takes, family, worth)
+                places, reach = _places(mechanism, everywhere), _reach(mechanism, everywhere)
+                yield Candidate(kind, everywhere, places, reach, own, takes, family, worth)
 
 
 def _around(p: FreeParameter, row: ParameterRow) -> list[tuple[float, float]]:
@@ -307,3 +326,9 @@ def _places(mechanism: Mechanism, on: Sequence[str]) -> tuple[str, ...]:
     }
     named = ((o, next((g for g, ids in groups.items() if o in ids), None)) for o in on)
     return tuple(o if group is None else f"{group}:{o}" for o, group in named)
+
+
+def _reach(mechanism: Mechanism, on: Sequence[str]) -> frozenset[str]:
+    moving = {b.id for b in mechanism.bodies if not b.fixed}
+    joined = {f"body:{b}" for j in mechanism.joints if j.id in on for b in (j.body_a, j.body_b) if b in moving}
+    return frozenset(_places(mechanism, on)) | joined

@@ -6,7 +6,7 @@ size that their files expect, and some below and above.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -37,16 +37,22 @@ def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarra
         }
 
 
-def promising(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarray]) -> tuple[float, dict[str, float]]:
+def promising(
+    subject: Subject,
+    candidate: Candidate,
+    passed: dict[str, np.ndarray],
+    beside: Sequence[Candidate] = (),
+    known: Mapping[str, float] | None = None,
+) -> tuple[float, dict[str, float]]:
     """Least sum of squares over the first half of the records, and the opening that has it.
 
-    Every experiment starts from its own static frames.
+    Every experiment starts from its own static frames. beside: other candidates, at the values `known` by name.
     """
-    choice = subject.choose(candidate)
+    choice = subject.choose(*beside, candidate)
     probes = [p.choose(choice.ties, subject.neutral).first(EARLY) for p in subject.fit]
     seer, best = Seer(subject, probes, EARLY), (np.inf, {})
     for values in openings(subject, candidate, passed):
-        x = start_of(subject, choice, values)
+        x = start_of(subject, choice, {**(known or {}), **values})
         r, _ = seer(x)
         # What a late blow does to the rest of a record says little about its place: misses count up to ten sd.
         cost = float(np.sum(np.minimum(np.nan_to_num(r, nan=10.0) ** 2, 100.0)))

@@ -59,6 +59,11 @@ class Cause:
         """Sorted names of its members."""
         return tuple(sorted(c.name for c in self.candidates))
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Of all that is free, by name."""
+        return dict(zip((p.name for p in self.fitted.choice.parameters), self.fitted.values.tolist(), strict=True))
+
 
 @dataclass
 class Search:
@@ -279,21 +284,31 @@ class Search:
                         made.append(self._keep(fitted))
         return made
 
-    def switching(self, baseline: Cause, family: str, motion: dict[str, np.ndarray], rival: Cause) -> list[Cause]:
+    def switching(
+        self,
+        baseline: Cause,
+        family: str,
+        motion: dict[str, np.ndarray],
+        rival: Cause,
+        beside: Cause | None = None,
+    ) -> list[Cause]:
         """Candidates that are nothing while small: tried at some sizes, the best fitted over growing records.
 
-        rival: the best smooth set, which one of them must come near.
+        rival: the best smooth set, which one of them must come near. beside: a cause that each of them joins.
         """
+        names = () if beside is None else beside.names
+        others = [c for c in self.subject.library.candidates if c.name in names]
+        known = {} if beside is None else beside.values
         found = []
         for candidate in self.subject.library.candidates:
-            if candidate.family == family and not self.cancelled():
-                cost, values = promising(self.subject, candidate, motion)
+            if candidate.family == family and not self.cancelled() and len(others) == len(names):
+                cost, values = promising(self.subject, candidate, motion, others, known)
                 if values:
-                    found.append((cost, values, candidate))
+                    found.append((cost, known | values, candidate))
         made = []
         for _, values, candidate in sorted(found, key=lambda f: f[0])[:SWITCHES]:
-            self.tell(f"trying {candidate.name}")
-            fitted = self._grown(self.subject.choose(candidate), values, baseline.fitted, rival.fitted)
+            self.tell(f"trying {' + '.join([candidate.name, *names])}")
+            fitted = self._grown(self.subject.choose(*others, candidate), values, baseline.fitted, rival.fitted)
             if fitted is not None and np.isfinite(fitted.chi2):
                 made.append(self._keep(fitted))
         return sorted(made, key=lambda c: -c.log_z)
