@@ -34,6 +34,7 @@ IN_REACH = 0.3  # of what is left: less than the whole library could take is not
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
+MOST = 0.5  # and this share where the law of blows would excuse it
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
 
 
@@ -137,14 +138,10 @@ class Climb:
             if search.tried.get(best.names) is best and (closer := search.closer(best)) is not best:
                 self.search.tried[closer.names] = closer
                 best, last = self._judged(closer, search)
-            if self._settled(best, last):
+            if search.tried.get(best.names) is best:
+                best, last = self._joined(best, last, search)
+            elif self._settled(best, last):
                 break
-            if best.names in search.tried and len(best.candidates) < SURE:
-                for cause in search.level([best], PARTNERS)[:1]:
-                    cause, judged = self._judged(cause, search)
-                    if self._better(cause, best, judged, last):
-                        self.search.tried[cause.names] = cause
-                        best, last = cause, judged
             elif alone is not None and len(best.candidates) <= SURE:
                 for cause in search.switching(self.baseline, family, motion, best, alone)[:1]:
                     self.search.tried[cause.names] = cause
@@ -154,6 +151,20 @@ class Climb:
                         best, last = cause, judged
             if self._settled(best, last):
                 break
+        return best, last
+
+    def _joined(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
+        """A cause that switches on, with a smooth one beside it where that earns its place. Where the law of blows
+        would excuse what is left, it must take most of it.
+        """
+        excused = self._settled(best, last)
+        if (excused and self.enough(last)) or len(best.candidates) >= SURE or self._cancelled():
+            return best, last
+        for cause in search.level([best], PARTNERS)[:1]:
+            cause, judged = self._judged(cause, search)
+            if self._better(cause, best, judged, last) and (not excused or judged.power < MOST * last.power):
+                self.search.tried[cause.names] = cause
+                return cause, judged
         return best, last
 
     def _asked_of(self, best: Cause, last: Adequacy, refused: bool) -> list[str]:

@@ -190,8 +190,10 @@ class _Inquiry:
             )
         shrunk = shrinkage(first, after, self.rng) if first else None
         nearly_all = shrunk is not None and shrunk.explained is not None and shrunk.explained > NEARLY_ALL
-        doubtful = enough if verdict == "identified" else verdict == "approximate" and not nearly_all
-        if doubtful and belief.unknown > DOUBT:
+        doubtful = verdict == "identified" or (verdict == "approximate" and not nearly_all)
+        if belief.unknown > DOUBT and verdict == "identified" and not enough:
+            verdict = "approximate"  # the form is a little wrong, so that laws of any form follow what is left better
+        elif doubtful and belief.unknown > DOUBT:
             verdict = "unknown"
         if verdict == "identified" and (len(belief.reported) > 1 or belief.unknown > max(belief.probability)):
             verdict = "ambiguous"

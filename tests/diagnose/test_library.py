@@ -41,3 +41,17 @@ def test_what_a_drawing_leaves_loose_is_a_finding_only_well_beyond_it():
     causes = [c for c in found.candidates if c.kind == "length_error"]
     assert causes
     assert all(c.prior_sd.min() >= 0.06 for c in causes)
+
+
+def test_every_kind_is_as_likely_as_the_next_wherever_it_may_act():
+    found = library(fourbar(), SMOOTH).candidates
+    kinds = {c.kind for c in found}
+    for kind in kinds:
+        assert sum(c.share for c in found if c.kind == kind) == pytest.approx(len(found) / len(kinds))
+
+
+def test_a_joint_reaches_the_bodies_that_it_joins_but_not_the_ground():
+    joint = fourbar().joints[0]
+    (friction,) = [c for c in library(fourbar(), SMOOTH).candidates if c.name == f"viscous_friction:{joint.id}"]
+    moving = {f"body:{b.id}" for b in fourbar().bodies if not b.fixed and b.id in (joint.body_a, joint.body_b)}
+    assert friction.reach == {f"joint:{joint.id}"} | moving

@@ -1,0 +1,48 @@
+"""A pair that fits may be one thing imitated that the library lacks: the likelier so where both act on one part."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from backend.diagnose.belief import IMITATED, weigh
+from backend.diagnose.fitted import Fitted
+from backend.diagnose.which import Cause
+
+ROWS = 300
+
+
+def cause(*reach: str) -> Cause:
+    """A set of one effect for each place, which fits to the noise."""
+    members = tuple(
+        SimpleNamespace(name=f"{i}:{place}", reach=frozenset({place}), parameters=[None], tries=((),), log_odds=0.0)
+        for i, place in enumerate(reach)
+    )
+    choice: Any = SimpleNamespace(
+        parameters=[SimpleNamespace(name=m.name, lower=-np.inf, start=0.0) for m in members],
+        candidates=members, own=len(members), start=np.zeros(len(members)), prior_sd=np.ones(len(members)),
+    )  # fmt: skip
+    r, J = (
+        np.random.default_rng(5).standard_normal(ROWS),
+        np.random.default_rng(6).standard_normal((ROWS, len(members))),
+    )
+    subject: Any = SimpleNamespace()
+    x, rows = np.zeros(len(members)), (slice(0, ROWS),)
+    made = Fitted(subject, choice, (), x, r, J, rows, np.ones(len(members)), "converged", 1.0, 0.0)
+    return Cause(made, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("reach", "own"),
+    [
+        (("joint:a",), 1.0),
+        (("joint:a", "camera"), 1.0 - IMITATED[False]),
+        (("camera", "camera"), 1.0 - IMITATED[True]),
+        (("joint:a", "camera", "joint:a"), (1.0 - IMITATED[False]) * (1.0 - IMITATED[True])),
+    ],
+)
+def test_what_is_not_the_sets_own_is_unknown(reach, own):
+    belief = weigh(None, [cause(*reach)], 50, scale=1.0)
+    assert belief.probability[0] == pytest.approx(own)
+    assert belief.unknown == pytest.approx(1.0 - own)
