@@ -12,17 +12,16 @@ from backend.diagnose.adequacy import scaled
 from backend.diagnose.fitted import log_evidence
 from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
-from backend.diagnose.which import Cause
+from backend.diagnose.which import APART, Cause
 
 NONE, ONE, UNKNOWN, SEVERAL = 0.3, 0.5, 0.2, 0.1
 """Belief before any data in: nothing, one effect of the library, something that is not in it, several at once."""
 ODDS = float(np.log(20.0))
-IMITATED = (0.1, 0.4)
+IMITATED = (0.2, 0.4)
 """Chance that a member of a set only helps the others do what one thing outside the library does: where it acts apart
-from them, and where it acts on the same part. Of the sealed studies answered with a pair of more than 0.8, before this
-was weighed, all four whose members act on one part did so, and none of the four whose members act apart.
+from them, and where it acts on the same part. Of sealed and development studies answered with a pair of more than 0.8,
+before this was weighed, all four whose members act on one part did so, and one of seven whose members act apart.
 """
-APART = 9.0  # squared sd below which two explanations count as one
 
 
 @dataclass(frozen=True)

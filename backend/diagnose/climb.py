@@ -245,6 +245,8 @@ class Climb:
         """Of sets as large that the fitted experiments hardly tell apart, the one that held-out ones prefer."""
         if not self.enough(last):
             return best, last
+        for alias in self.searches[id(best.fitted.subject)].complete(best, self.scale) if best.candidates else ():
+            self.search.tried[alias.names] = alias
         near = [
             c for c in self.search.tried.values()
             if len(c.candidates) == len(best.candidates) > 0 and c.fitted.fraction == best.fitted.fraction == 1.0

@@ -68,6 +68,19 @@ class Screen:
             return None
         return {p.name: float(p.start + d) for p, d in zip(candidate.parameters, step, strict=True)}
 
+    def imitation(self, candidate: Candidate, done: Float[np.ndarray, " n"]) -> tuple[float, dict[str, float]]:
+        """How far [squared sd] the candidate stays from what another did, at values within its prior, by name."""
+        S = self.signature(candidate)
+        H, b = S.T @ S + np.diag(candidate.prior_sd**-2.0), S.T @ done
+        step = np.linalg.solve(H, b)
+        values = {
+            p.name: float(np.clip(p.start + d, p.lower, p.upper))
+            for p, d in zip(candidate.parameters, step, strict=True)
+        }
+        if candidate.one_sided.any() and np.any(step[candidate.one_sided] < 0):
+            return np.inf, values
+        return float(done @ done - b @ step), values
+
     def ranking(self, candidates: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
         """Largest gain first."""
         gains = [(c, self.gain(c)) for c in candidates]

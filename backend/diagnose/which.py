@@ -33,6 +33,8 @@ CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
+APART = 9.0  # squared sd below which two explanations do the same
+ALIASES = 12  # of them that are refitted
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
 Wider = Mapping[str, Sequence[Candidate]]
 
@@ -254,6 +256,32 @@ class Search:
         self.screens.pop(rest.names, None)
         self.tried[rest.names] = rest
         return rest
+
+    def complete(self, cause: Cause, scale: float) -> list[Cause]:
+        """Sets not tried so far that do to first order what a cause does, one member for another: any pin of a linkage
+        of one freedom rubs like the next, and no level refits them all. scale: of all sigmas.
+        """
+        found: list[tuple[float, Choice, dict[str, float]]] = []
+        for member in cause.candidates:
+            rest = [c for c in cause.candidates if c is not member]
+            about = self.screens.get(tuple(sorted(c.name for c in rest)))
+            if about is None or about.fitted.fraction < cause.fitted.fraction:
+                continue
+            size = np.array([cause.values[p.name] - p.start for p in member.parameters])
+            done = about.rescaled(scale).signature(member) @ size
+            for other in self.subject.library.candidates:
+                names = tuple(sorted([other.name, *(c.name for c in rest)]))
+                if names in self.tried or any(c.kind == other.kind and set(c.on) & set(other.on) for c in rest):
+                    continue
+                apart, values = about.rescaled(scale).imitation(other, done)
+                if apart < APART:
+                    found.append((apart - 2.0 * other.log_odds, self.subject.choose(*rest, other), values))
+        made = []
+        for _, choice, values in sorted(found, key=lambda f: f[0])[:ALIASES]:
+            if not self.cancelled():
+                self.tell(f"trying {choice.name} as well")
+                made.append(fit(self.subject, choice, start=_from(cause.fitted, choice, values)))
+        return [self._keep(f) for f in made if np.isfinite(f.chi2) and _in_order(f)]
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
         """The same sets over longer records, as far as the best of them follows."""
