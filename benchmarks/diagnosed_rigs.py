@@ -1,9 +1,10 @@
 """The gaps of the five measured rigs, diagnosed, with a picture each.
 
-python -m benchmarks.diagnosed_rigs [RIG ...] [--pictures DIR]      three to twenty minutes a rig
+python -m benchmarks.diagnosed_rigs [RIG ...] [--pictures DIR] [--kept DIR]      two to forty minutes a rig
 
 A RIG is a study below the folder of measurements (LINKTWIN_DATA, or ../shared/data), as `emps/study`; all of them by
-default. Skipped, with a sentence, where there are no measurements.
+default. A run that was cut off goes on from the ends of fits that --kept holds. Skipped, with a sentence, where there
+are no measurements.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from backend.diagnose.kept import FILE, Kept
 from backend.diagnose.run import Diagnosis, diagnose_study
 from backend.mechanism.read import read_study
 from backend.mechanism.study import Study
@@ -77,17 +79,25 @@ def _motion(axes: Axes, evidence: GapEvidence) -> None:
     axes.legend(fontsize=7)
 
 
+def _kept(folder: Path | None, rig: str, study: Study) -> Kept | None:
+    if folder is None:
+        return None
+    path = folder / f"{rig.replace('/', '_')}.{FILE}"
+    return Kept.of(path, study, frozenset(), resume=path.exists())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("rigs", nargs="*", default=RIGS)
     parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--kept", type=Path)
     asked = parser.parse_args()
     if not FOLDER.is_dir():
         print(f"Skipped: no measurements at {FOLDER}. Set LINKTWIN_DATA to the folder of the real studies.")
         return
     for rig in asked.rigs:
         study, began = read_study(FOLDER / f"{rig}.json"), time.perf_counter()
-        found = diagnose_study(study)
+        found = diagnose_study(study, kept=_kept(asked.kept, rig, study))
         print(f"\n{rig}: {time.perf_counter() - began:.0f} s\n{gap_text(found.report)}", flush=True)
         held = found.report.shrink.held_out
         if held is not None and held.explained_fraction is not None:

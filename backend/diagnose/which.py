@@ -264,7 +264,7 @@ class Search:
         found: list[tuple[float, Choice, dict[str, float]]] = []
         for member in cause.candidates:
             rest = [c for c in cause.candidates if c is not member]
-            about = self.screens.get(tuple(sorted(c.name for c in rest)))
+            about = self.screens.get(tuple(sorted(c.name for c in rest)), self.screens.get(()))
             if about is None or about.fitted.fraction < cause.fitted.fraction:
                 continue
             size = np.array([cause.values[p.name] - p.start for p in member.parameters])
