@@ -15,7 +15,7 @@ from backend.observe.account import summarise, warn_blank, warn_height, warn_mar
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
-from backend.observe.camera_in_clip import camera_in_clip
+from backend.observe.camera_in_clip import shared_error
 from backend.observe.carried import TEXTURE, GivenTargets, Untagged, read_targets
 from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.follow_bed import BedWatch, ShakenView, settle
@@ -26,7 +26,6 @@ from backend.observe.preview import Preview
 from backend.observe.project import AbstractView, view_in_picture
 from backend.observe.readout import dated, error_of_readout_m, readout_of
 from backend.observe.seen_bed import bed_in_picture
-from backend.observe.shared_error import error_of_camera, error_of_marks_m
 from backend.observe.targets import DotTargets, TagTargets, Targets
 from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
@@ -148,22 +147,18 @@ def track_video(
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
     warnings += warn_stick(bed, view, px, width_px) + warn_blank(watch.followable)
-    if given:
-        posed = camera_in_clip(given, bed, list(drawn), seen.px, size_px)
-        shared_m, tolerances = error_of_camera(posed, list(drawn), seen.px, 1 / video.frames_per_s)
-    else:
-        some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
-        shared_m = error_of_marks_m(bed, view, seen.px[tuple(some.T)], heights[some[:, 1]], size_px)
+    shared = shared_error(given, bed, view, heights, list(drawn), seen.px, size_px, 1 / video.frames_per_s)
+    shared_m = shared.sd_m
     if readout and bed.readout_s == readout.seconds:
         at, row = _on_bed(seen, view, heights, bed.readout_s, height_px, shaken)
         shared_m = float(np.hypot(shared_m, error_of_readout_m(seen.times_s, at, row, readout.sd_s)))
     summary = summarise(video, table, on_pins, view, bed, slope, warnings, shared_m)
     if readout:
         summary["readout"] = {"used_s": bed.readout_s, "seen_s": readout.seconds, "sd_s": readout.sd_s}
-    if given and not shaken:  # one pose for the whole clip, from its marks
-        summary["warnings"] += posed.notes[len(given.notes) :]
-        summary["tolerances"] = tolerances
-        write_camera(posed, out / "camera.json")
+    if shared.camera and not shaken:  # one pose for the whole clip, from its marks
+        summary["warnings"] += shared.notes
+        summary["tolerances"] = list(shared.tolerances)
+        write_camera(shared.camera, out / "camera.json")
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
     return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)

@@ -7,6 +7,7 @@ The noise is measured along each point's own track, as it is for dots.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from jaxtyping import Float
 
 from backend.observe.account import warn_height, warn_marks
 from backend.observe.bed import Bed
+from backend.observe.camera_in_clip import Shared, shared_error
 from backend.observe.exchange.camera import Footage
 from backend.observe.exchange.points import Points, listed
 from backend.observe.place import in_world
@@ -27,10 +29,29 @@ STRAY = 0.25  # of the drawing's extent: a start so far from the drawn pose is m
 Drawn = dict[str, Float[np.ndarray, "3"]]
 
 
+class IntoTracks(NamedTuple):
+    """One row per frame and marker, what its user should know, and what all points seen by a camera have wrong."""
+
+    table: pd.DataFrame
+    notes: list[str]
+    shared: Shared | None
+
+
+class Placed(NamedTuple):
+    """Points on the bed, (frame, point, ...): their own times, places, deviations, covariance of pixels."""
+
+    own_s: Float[np.ndarray, "frame point"]
+    world: Float[np.ndarray, "frame point 3"]
+    sigma: Float[np.ndarray, "frame point"]
+    cov_px2: Float[np.ndarray, "frame point 2 2"]
+    notes: list[str]
+    shared: Shared
+
+
 def into_tracks(
     points: Points, drawn: Drawn, clip: Footage, bed: Bed | None, least_score: float | None = None
-) -> tuple[pd.DataFrame, list[str]]:
-    """The table of tracks, one row per frame and marker, and what its user should know.
+) -> IntoTracks:
+    """The table of tracks.
 
     points: under the drawing's names.  drawn: each marker's world position [m].  least_score: below it a point
     counts as hidden (default: what the tool itself uses).
@@ -51,8 +72,10 @@ def into_tracks(
         raise TrackingError(f"{points.source} holds one frame; motion needs at least two. Export the whole clip.")
     notes = [*points.notes, *clip.warnings]
     status = np.where(seen, "observed", "occluded").astype(object)
+    own_s, shared = np.repeat(times[:, None], len(points.names), 1), None
     if points.in_pixels:
-        world, sigma, px, cov, more = _seen_by_camera(points, at, seen, times, drawn, clip, bed)
+        px = at
+        own_s, world, sigma, cov, more, shared = _seen_by_camera(points, at, seen, times, drawn, clip, bed)
         notes += more
         if clip.times_s is not None and len(clip.times_s) > points.frame[-1] + 1:
             notes.append(
@@ -65,11 +88,10 @@ def into_tracks(
         world, sigma = at, np.where(seen, np.array(each), np.nan)
         px, cov = np.full((*seen.shape, 2), np.nan), np.full((*seen.shape, 2, 2), np.nan)
     cov = np.where(seen[..., None, None], cov, np.nan)
-    own_s = np.repeat(times[:, None], len(points.names), 1)
     table = tracks_table(points.names, own_s, points.frame, world, sigma, px, cov, status)
     if not points.in_pixels:
         table = table.drop(columns=[name for name in table.columns if name.endswith(("_px", "_px2"))])
-    return table, notes + _start(points, world, drawn)
+    return IntoTracks(table, notes + _start(points, world, drawn), shared)
 
 
 def _to_last(points: Points, seen: np.ndarray, clip: Footage) -> Points:
@@ -84,17 +106,25 @@ def _to_last(points: Points, seen: np.ndarray, clip: Footage) -> Points:
 
 def _seen_by_camera(
     points: Points, at: np.ndarray, seen: np.ndarray, times: np.ndarray, drawn: Drawn, clip: Footage, bed: Bed | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, list[str]]:
+) -> Placed:
     if bed is None:
-        raise TrackingError(f"{points.source} is in pixels. Give --bed BED.json: marks in metres and in pixels.")
+        raise TrackingError(f"{points.source} is in pixels. Give --bed BED.json: marks in metres and pixels, or tags.")
+    given = bed.camera
+    bed, notes = clip.seen(bed)
     markers = list(drawn)
-    heights, notes = bed.heights(markers)
-    heights = heights[[markers.index(name) for name in points.names]]
+    heights, more = bed.heights(markers)
+    own = [markers.index(name) for name in points.names]
     px = at[seen]
-    view, width = clip.view(bed, px)
+    view, size_px = clip.view(bed, px)
     cov = point_covariance(times, at, None, seen)  # the tool says nothing of one picture against another
-    world, sigma = in_world(at, cov, view, bed, heights)
-    return world, sigma, at, cov, notes + warn_height(bed, view, px, width) + warn_marks(bed, view)
+    world, sigma = in_world(at, cov, view, bed, heights[own])
+    every = np.full((len(at), len(markers), 2), np.nan)
+    every[:, own] = at
+    shared = shared_error(given, bed, view, heights, markers, every, size_px, float(np.median(np.diff(times))))
+    row = np.clip(np.where(seen, at[..., 1], 0) / (size_px[1] - 1), 0, 1)
+    own_s = times[:, None] + bed.readout_s * row
+    warned = warn_height(bed, view, px, size_px[0]) + warn_marks(bed, view)
+    return Placed(own_s, world, sigma, cov, [*notes, *more, *warned, *shared.notes], shared)
 
 
 def _start(points: Points, world: np.ndarray, drawn: Drawn) -> list[str]:
