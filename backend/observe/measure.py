@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from backend.observe.account import summarise, warn_blank, warn_height, warn_marks, warn_stick
+from backend.observe.account import summarise, warn_blank, warn_height, warn_lost, warn_marks, warn_stick
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
@@ -26,6 +26,7 @@ from backend.observe.preview import Preview
 from backend.observe.project import AbstractView, view_in_picture
 from backend.observe.readout import dated, error_of_readout_m, readout_of
 from backend.observe.seen_bed import bed_in_picture
+from backend.observe.sense import check_units, drawn_extent_m, warn_lengths, warn_start
 from backend.observe.targets import DotTargets, TagTargets, Targets
 from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
@@ -39,6 +40,7 @@ FOLLOWED = (
     "Markers were followed by their surroundings, from where the drawing or a click puts them in the first picture: an "
     "error there stays for the whole clip. Free marker_offset in a fit."
 )
+START = "Check that the bed file's origin and axes are the drawing's, and that the clip begins near the drawn pose."
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,7 @@ def track_video(
     warnings += told
     view = view_in_picture(bed, width_px, height_px)
     on_bed = bed.plane.from_world(np.array(list(drawn.values())))[:, :2]
+    check_units(mechanism, bed, view, heights, (width_px, height_px))
     expected = view.pixels(on_bed, heights)
     clicks = _read_clicks(clicks)
     tags = read_targets(targets, list(drawn))
@@ -120,6 +123,9 @@ def track_video(
     start_px = on_pins.found.px[on_pins.order]
     each = ConstantVelocity(first.time_s, start_px, GREATEST_ACCELERATION / slope)
     at = view.metres(start_px[: len(drawn)], heights)
+    bars = known_lengths(mechanism, bed.plane, list(drawn))
+    warnings += warn_lengths(bars, list(drawn), at)
+    warnings += warn_start(drawn, list(drawn), bed.plane.to_world(at), drawn_extent_m(mechanism), START)
     together = kinematics_of(mechanism, bed.plane, first.time_s, at)
     on_pins.start(Linked(each, together, view, heights) if together else each)
     watch = BedWatch(bed.pixels(), first.luma, video.frame_count)
@@ -133,7 +139,6 @@ def track_video(
     view = view_in_picture(bed, *size_px)
     readout = None
     if bed.lens:
-        bars = known_lengths(mechanism, bed.plane, list(drawn))
         for _ in range(2 if shaken else 1):  # a camera that moved is itself found through the readout
             at, row = _on_bed(seen, view, heights, bed.readout_s, height_px, shaken)
             readout = readout_of(seen.times_s, at, row, bars)
@@ -146,7 +151,7 @@ def track_video(
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
-    warnings += warn_stick(bed, view, px, width_px) + warn_blank(watch.followable)
+    warnings += warn_stick(bed, view, px, width_px) + warn_blank(watch.followable) + warn_lost(seen, list(drawn), video)
     shared = shared_error(given, bed, view, heights, list(drawn), seen.px, size_px, 1 / video.frames_per_s)
     shared_m = shared.sd_m
     if readout and bed.readout_s == readout.seconds:

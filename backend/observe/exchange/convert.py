@@ -71,7 +71,7 @@ def convert(
         if points.time_s is not None and frames_per_s is not None:
             raise TrackingError(f"{path.name} carries its own times; leave --fps out.")
         points = points.renamed(renaming, list(drawn))
-        tracks, notes, shared = into_tracks(points, drawn, clip, marks, least_score)
+        tracks, notes, shared = into_tracks(points, mechanism, clip, marks, least_score)
     if to == "tracks":
         folder.mkdir(parents=True, exist_ok=True)
         files = [write_tracks(tracks, folder / "tracks.csv")]

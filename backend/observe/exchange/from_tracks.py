@@ -14,12 +14,12 @@ from jaxtyping import Float, Int
 from backend.observe.bed import Bed
 from backend.observe.exchange import deeplabcut, sleap, trc
 from backend.observe.exchange.camera import Footage
-from backend.observe.exchange.into_tracks import Drawn
 from backend.observe.exchange.points import Points, listed
 from backend.observe.tracking_error import TrackingError
 
 # Both tools' usual thresholds (0.6 and 0.2) let whole dots through and stop predictions.
 SCORES = {"ok": 1.0, "observed": 1.0, "outlier": 0.5, "predicted": 0.1, "occluded": 0.0}
+Drawn = dict[str, Float[np.ndarray, "3"]]
 SAME_S = 1e-9  # a table's times keep a nanosecond
 WRITERS: dict[str, tuple[tuple[str, Callable[[Points, Path], Path]], ...]] = {
     "deeplabcut": (("deeplabcut.csv", deeplabcut.write_csv), ("deeplabcut.h5", deeplabcut.write_h5)),
