@@ -31,9 +31,9 @@ def bed_in_picture(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[Bed, list[
 
 def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list[str]]:
     """The tags that are seen, as marks, and the numbers of those that are not."""
-    seen = find_tags(luma)
+    seen = {i: laid.centre_px.tolist() for i, laid in find_tags(luma).items()}
     marks = [
-        BedMark(id=f"tag {t.id}", x_m=t.x_m, y_m=t.y_m, x_px=float(seen[t.id][0]), y_px=float(seen[t.id][1]))
+        BedMark(id=f"tag {t.id}", x_m=t.x_m, y_m=t.y_m, x_px=seen[t.id][0], y_px=seen[t.id][1])
         for t in bed.tags
         if t.id in seen
     ]
