@@ -25,6 +25,7 @@ from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import AbstractView, view_in_picture
 from backend.observe.readout import dated, error_of_readout_m, readout_of
+from backend.observe.rows import Rows
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.sense import check_units, drawn_extent_m, warn_lengths, warn_start
 from backend.observe.targets import DotTargets, TagTargets, Targets
@@ -135,18 +136,19 @@ def track_video(
         if painter:
             painter.close()
     size_px, marks = (width_px, height_px), bed
-    bed, shaken = settle(marks, watch.result(), seen.times_s, size_px)
+    rows = Rows(size_px, first.quarter_turns)
+    bed, shaken = settle(marks, watch.result(), seen.times_s, rows)
     view = view_in_picture(bed, *size_px)
     readout = None
     if bed.lens:
         for _ in range(2 if shaken else 1):  # a camera that moved is itself found through the readout
-            at, row = _on_bed(seen, view, heights, bed.readout_s, height_px, shaken)
+            at, row = _on_bed(seen, view, heights, bed.readout_s, rows, shaken)
             readout = readout_of(seen.times_s, at, row, bars)
             dated_marks, told = dated(marks, readout)
-            bed, shaken = settle(dated_marks, watch.result(), seen.times_s, size_px)
+            bed, shaken = settle(dated_marks, watch.result(), seen.times_s, rows)
         warnings += told
     bodies = [marker.body for marker in mechanism.markers]
-    table = place(seen, list(drawn), on_pins.radius_px, view, bed, heights, coast_s, height_px, bodies, shaken)
+    table = place(seen, list(drawn), on_pins.radius_px, view, bed, heights, coast_s, rows, bodies, shaken)
     if shaken:
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
@@ -155,7 +157,7 @@ def track_video(
     shared = shared_error(given, bed, view, heights, list(drawn), seen.px, size_px, 1 / video.frames_per_s)
     shared_m = shared.sd_m
     if readout and bed.readout_s == readout.seconds:
-        at, row = _on_bed(seen, view, heights, bed.readout_s, height_px, shaken)
+        at, row = _on_bed(seen, view, heights, bed.readout_s, rows, shaken)
         shared_m = float(np.hypot(shared_m, error_of_readout_m(seen.times_s, at, row, readout.sd_s)))
     summary = summarise(video, table, on_pins, view, bed, slope, warnings, shared_m)
     if readout:
@@ -178,10 +180,10 @@ def _read_clicks(clicks: Mapping[str, Sequence[float]] | str | Path | None) -> d
 
 
 def _on_bed(
-    seen: Record, view: AbstractView, heights_m: np.ndarray, readout_s: float, rows: int, shaken: ShakenView | None
+    seen: Record, view: AbstractView, heights_m: np.ndarray, readout_s: float, rows: Rows, shaken: ShakenView | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places [m] of points called observed, NaN else, and their rows, 0 first and 1 last: (frame, marker, ...)."""
-    at, row = np.full(seen.px.shape, np.nan), seen.px[..., 1] / (rows - 1)
+    at, row = np.full(seen.px.shape, np.nan), rows.share(seen.px)
     frame, marker = np.nonzero(seen.status == "observed")
     px, height = seen.px[frame, marker], heights_m[marker]
     own_s = seen.times_s[frame] + readout_s * row[frame, marker]

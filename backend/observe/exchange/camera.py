@@ -19,12 +19,13 @@ from backend.observe.video import Video
 class Footage:
     """What is known of the clip: every frame's time and the first picture, upright, or a rate, or nothing.
 
-    times_s (frame) [s].
+    times_s (frame) [s].  quarter_turns: by which its pictures were turned to the left to be upright.
     """
 
     name: str = ""
     times_s: Float[np.ndarray, "frame"] | None = None
     luma: UInt8[np.ndarray, "h w"] | None = None
+    quarter_turns: int = 0
     frames_per_s: float | None = None
     warnings: tuple[str, ...] = ()
 
@@ -98,4 +99,4 @@ def footage(video: Path | None, frames_per_s: float | None) -> Footage:
     first = next(iter(clip), None)
     if first is None:
         raise TrackingError(f"{clip.name}: not one frame can be decoded (0 frames read). Copy it again.")
-    return Footage(clip.name, clip.times_s, first.luma, warnings=tuple(clip.warnings))
+    return Footage(clip.name, clip.times_s, first.luma, first.quarter_turns, warnings=tuple(clip.warnings))

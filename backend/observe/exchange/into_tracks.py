@@ -21,6 +21,7 @@ from backend.observe.exchange.camera import Footage
 from backend.observe.exchange.points import Points
 from backend.observe.label import drawn_positions
 from backend.observe.place import in_world
+from backend.observe.rows import Rows
 from backend.observe.sense import check_units, drawn_extent_m, warn_lengths, warn_start
 from backend.observe.tracking_error import TrackingError
 from backend.observe.uncertainty import point_covariance, track_noise
@@ -124,8 +125,8 @@ def _seen_by_camera(
     every = np.full((len(at), len(markers), 2), np.nan)
     every[:, own] = at
     shared = shared_error(given, bed, view, heights, markers, every, size_px, float(np.median(np.diff(times))))
-    row = np.clip(np.where(seen, at[..., 1], 0) / (size_px[1] - 1), 0, 1)
-    own_s = times[:, None] + bed.readout_s * row
+    row = Rows(size_px, clip.quarter_turns).share(np.where(seen[..., None], at, 0))
+    own_s = times[:, None] + bed.readout_s * np.clip(row, 0, 1)
     warned = warn_height(bed, view, px, size_px[0]) + warn_marks(bed, view)
     bars = known_lengths(mechanism, bed.plane, points.names)
     first = bed.plane.from_world(np.nan_to_num(_first(world)))[:, :2]
