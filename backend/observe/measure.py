@@ -27,7 +27,7 @@ from backend.observe.project import AbstractView, view_in_picture
 from backend.observe.readout import dated, error_of_readout_m, readout_of
 from backend.observe.rows import Rows
 from backend.observe.seen_bed import bed_in_picture
-from backend.observe.sense import check_units, drawn_extent_m, warn_lengths, warn_start
+from backend.observe.sense import check_marks, check_units, drawn_extent_m, warn_lengths, warn_start
 from backend.observe.targets import DotTargets, TagTargets, Targets
 from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
@@ -98,6 +98,7 @@ def track_video(
     warnings += told
     view = view_in_picture(bed, width_px, height_px)
     on_bed = bed.plane.from_world(np.array(list(drawn.values())))[:, :2]
+    check_marks(bed, view, (width_px, height_px))
     check_units(mechanism, bed, view, heights, (width_px, height_px))
     expected = view.pixels(on_bed, heights)
     clicks = _read_clicks(clicks)
@@ -125,7 +126,7 @@ def track_video(
     each = ConstantVelocity(first.time_s, start_px, GREATEST_ACCELERATION / slope)
     at = view.metres(start_px[: len(drawn)], heights)
     bars = known_lengths(mechanism, bed.plane, list(drawn))
-    warnings += warn_lengths(bars, list(drawn), at)
+    warnings += warn_lengths(bars, list(drawn), at, bed)
     warnings += warn_start(drawn, list(drawn), bed.plane.to_world(at), drawn_extent_m(mechanism), START)
     together = kinematics_of(mechanism, bed.plane, first.time_s, at)
     on_pins.start(Linked(each, together, view, heights) if together else each)

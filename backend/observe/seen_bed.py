@@ -41,6 +41,12 @@ def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list
     if len(bed.marks) + len(marks) < 4:
         others = sorted(set(seen) - {t.id for t in bed.tags})
         unlisted = f" Tags {', '.join(map(str, others))} are seen and not listed in the bed file." if others else ""
+        mirrored = find_tags(np.ascontiguousarray(luma[:, ::-1]))
+        if len(mirrored) > len(seen):
+            raise TrackingError(
+                "The picture is mirrored, as by a camera that faces the person: the bed tags are read in its mirror "
+                "image. Film with the camera at the back, or send the clip without the mirror effect."
+            )
         raise TrackingError(
             f"Of the bed tags {', '.join(str(t.id) for t in bed.tags)}, {len(marks)} are found in the first picture "
             f"(missing: {', '.join(missing)}); four marks or tags fix the bed.{unlisted} Keep the tags' white margins, "

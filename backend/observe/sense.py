@@ -3,24 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from backend.observe.bars import Bar
-from backend.observe.bed import Bed
+from backend.observe.bed import Bed, BedMark
 from backend.observe.label import drawn_positions, rotation
-from backend.observe.project import AbstractView, parallax_per_height
+from backend.observe.project import AbstractView, calibrate, mark_residuals_px, parallax_per_height
 from backend.observe.tracking_error import TrackingError
 
 LEAST, MOST = 0.02, 30.0  # of the picture's diagonal: a drawing is seen larger than a dot, and not much larger than it
 FAR_M = 100.0  # no linkage is filmed from so far away
 NEAR, GUESSED = 0.5, 3.0  # of the camera's height: no dots are higher; where that height is a guess, by a phone's lens
-LONGER = 0.05  # more than unknown heights and a bent lens do to lengths
-LONGER_M = 2e-3
+BESIDE, AGREE = 0.03, 0.1  # of the diagonal: more than an unknown lens does; of that, once a mark is mended
+ENOUGH = 5  # marks: four that are left agree whatever they are
+LONGER, KNOWN = 0.05, 0.02  # more than unknown heights and lens do to lengths; than drawings and prints are off by
+LONGER_M = 1e-3
 STRAY = 0.25  # of the drawing's extent: a start so far from the drawn pose is more likely a wrong name or axis
 METRES = "All lengths are in metres: 300 mm is 0.3."
+
+
+def check_marks(bed: Bed, view: AbstractView, size_px: tuple[int, int]) -> None:
+    """Refuse marks that cannot all be where the bed file says, naming what would mend them.  Raises TrackingError."""
+    off = mark_residuals_px(bed, view)
+    if not len(off) or off.max() < BESIDE * np.hypot(*size_px):
+        return
+
+    def agree(marks: Sequence[BedMark]) -> bool:
+        other = bed.model_copy(update={"marks": tuple(marks)})
+        try:
+            return bool(mark_residuals_px(other, calibrate(other, *size_px)).max() < AGREE * off.max())
+        except TrackingError:  # no view at all
+            return False
+
+    every, told = list(bed.marks), "Check their places and their numbers."
+    for a, b in combinations(range(len(every)), 2):
+        p, q = every[a], every[b]
+        at = {
+            a: p.model_copy(update={"x_m": q.x_m, "y_m": q.y_m}),
+            b: q.model_copy(update={"x_m": p.x_m, "y_m": p.y_m}),
+        }
+        if agree([at.get(k, mark) for k, mark in enumerate(every)]):
+            told = f"With the places of {p.id} and {q.id} swapped they agree."
+    for mark in every if len(every) > ENOUGH else ():
+        if agree([other for other in every if other is not mark]):
+            told = f"Without {mark.id} the others agree: check its metres, or leave it out."
+    worst = bed.marks[int(off.argmax())].id
+    raise TrackingError(
+        f"The bed marks contradict each other: {worst} is seen {off.max():.0f} px from where the others put it. {told}"
+    )
+
+
+def _moved(mark: BedMark, to: BedMark) -> BedMark:
+    return mark.model_copy(update={"x_m": to.x_m, "y_m": to.y_m})
 
 
 def check_units(
@@ -61,11 +99,14 @@ def _places(mechanism: Any) -> Float[np.ndarray, "n 3"]:
     return np.array([*drawn_positions(mechanism).values(), *joints], float)
 
 
-def warn_lengths(bars: Sequence[Bar], markers: Sequence[str], at_m: Float[np.ndarray, "marker 2"]) -> list[str]:
+def warn_lengths(
+    bars: Sequence[Bar], markers: Sequence[str], at_m: Float[np.ndarray, "marker 2"], bed: Bed
+) -> list[str]:
     """Whether dots that keep their distance are seen as far apart as they are drawn.
 
     at_m: places on the bed in one picture, NaN where a marker was not seen.
     """
+    more = KNOWN if bed.lens and bed.marker_height_m is not None else LONGER
     drawn = np.array([bar.length_m for bar in bars])
     seen = np.array([np.hypot(*(at_m[bar.a] - at_m[bar.b])) for bar in bars])
     known = np.isfinite(seen)
@@ -73,9 +114,9 @@ def warn_lengths(bars: Sequence[Bar], markers: Sequence[str], at_m: Float[np.nda
         return []
     ratio = np.where(known, seen / drawn, 1.0)
     usual = float(np.median(ratio[known]))
-    alike = abs(usual - 1) > LONGER
+    alike = abs(usual - 1) > more
     wrong = np.abs(ratio / (usual if alike else 1.0) - 1) * drawn
-    off = (wrong > LONGER_M) & (wrong > LONGER * drawn) & known
+    off = (wrong > LONGER_M) & (wrong > more * drawn) & known
 
     def told(k: int) -> str:
         a, b = markers[bars[k].a], markers[bars[k].b]

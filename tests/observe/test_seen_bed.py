@@ -108,6 +108,11 @@ def test_a_tag_printed_twice_is_refused(luma):
         find_tags(np.hstack([luma, luma]))
 
 
+def test_a_mirrored_picture_is_refused_as_that(luma, bed_file):
+    with pytest.raises(TrackingError, match="mirrored"):
+        bed_in_picture(read_bed(bed_file), np.ascontiguousarray(luma[:, ::-1]))
+
+
 def test_a_camera_of_another_resolution_is_scaled_with_a_warning(camera, bed_file):
     half = photograph(*AWAY, name="tags", about_mm=MIDDLE, size=(960, 540))
     bed, (warning,) = bed_in_picture(read_bed(bed_file), half)

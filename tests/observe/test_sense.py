@@ -7,14 +7,18 @@ import pytest
 
 from backend.observe.account import warn_lost
 from backend.observe.bars import Bar, known_lengths
+from backend.observe.bed import Bed, read_bed
 from backend.observe.measure import track_video
 from backend.observe.plane import Plane
-from backend.observe.sense import warn_lengths
+from backend.observe.project import calibrate
+from backend.observe.sense import check_marks, warn_lengths
 from backend.observe.tracking_error import TrackingError
 
 from .filmed_fourbar import MARKERS, fourbar
 from .filmed_fourbar import drawing as fourbar_drawing
 from .scenes import drawing, film, four
+
+FLAT = Bed()  # of which nothing is known
 
 
 @pytest.fixture(scope="module")
@@ -70,13 +74,52 @@ def test_a_bed_of_another_origin_is_told(clip, tmp_path):
     )
 
 
+def known_camera(**more):
+    """Six marks seen by a camera square to the bed, 0.5 mm a pixel; more: of them, by id."""
+    spots = {
+        "a": (-0.3, -0.15),
+        "b": (0, -0.15),
+        "c": (0.3, -0.15),
+        "d": (0.3, 0.15),
+        "e": (0, 0.16),
+        "f": (-0.3, 0.15),
+    }
+    px = {i: (639.5 + 2e3 * x, 359.5 - 2e3 * y) for i, (x, y) in spots.items()}
+    marks = [
+        {"id": i, **dict(zip(("x_m", "y_m"), more.get(i, at), strict=True)), "x_px": px[i][0], "y_px": px[i][1]}
+        for i, at in spots.items()
+    ]
+    return read_bed({"marks": marks, "lens": {"focal_px": 1600}, "marker_height_m": 0.0})
+
+
+def test_marks_that_contradict_each_other_are_refused_with_what_would_mend_them():
+    def refused(**more):
+        bed = known_camera(**more)
+        with pytest.raises(TrackingError, match="contradict each other") as told:
+            check_marks(bed, calibrate(bed, 1280, 720), (1280, 720))
+        return str(told.value)
+
+    assert "With the places of b and f swapped they agree." in refused(b=(-0.3, 0.15), f=(0, -0.15))
+    assert "Without e the others agree" in refused(e=(0.08, 0.16))
+    bed = known_camera(e=(0.002, 0.16))
+    check_marks(bed, calibrate(bed, 1280, 720), (1280, 720))  # 4 px off, of which a warning tells
+
+
+def test_where_lens_and_heights_are_known_lengths_three_hundredths_off_are_told():
+    seen = 1.03 * fourbar([1.0])[0]
+    bars = known_lengths(fourbar_drawing(), Plane(), MARKERS)
+    (warning,) = warn_lengths(bars, MARKERS, seen, known_camera())
+    assert "Distances are seen 1.03 times as large" in warning
+    assert warn_lengths(bars, MARKERS, seen, FLAT) == []  # unknown heights do as much
+
+
 def test_a_mechanism_that_is_not_the_drawn_one_is_told_by_its_bar():
     seen = fourbar([1.4], (0.16, 0.07, 0.17, 0.12, 0.08, 0.05))[0]  # a crank of 70 mm in place of 60
     bars = known_lengths(fourbar_drawing(), Plane(), MARKERS)
-    (warning,) = warn_lengths(bars, MARKERS, seen)
+    (warning,) = warn_lengths(bars, MARKERS, seen, FLAT)
     assert "not the one that is drawn: pivot to crankpin 70.0 mm, drawn 60.0 mm" in warning
-    assert warn_lengths(bars, MARKERS, fourbar([1.4])[0]) == []
-    assert warn_lengths([Bar(0, 1, 0.06)], MARKERS, np.full((5, 2), np.nan)) == []
+    assert warn_lengths(bars, MARKERS, fourbar([1.4])[0], FLAT) == []
+    assert warn_lengths([Bar(0, 1, 0.06)], MARKERS, np.full((5, 2), np.nan), FLAT) == []
 
 
 def test_markers_that_are_lost_or_seldom_seen_are_told_with_what_to_do():

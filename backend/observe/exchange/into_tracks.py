@@ -22,7 +22,7 @@ from backend.observe.exchange.points import Points
 from backend.observe.label import drawn_positions
 from backend.observe.place import in_world
 from backend.observe.rows import Rows
-from backend.observe.sense import check_units, drawn_extent_m, warn_lengths, warn_start
+from backend.observe.sense import check_marks, check_units, drawn_extent_m, warn_lengths, warn_start
 from backend.observe.tracking_error import TrackingError
 from backend.observe.uncertainty import point_covariance, track_noise
 from backend.observe.write import tracks_table
@@ -119,6 +119,7 @@ def _seen_by_camera(
     own = [markers.index(name) for name in points.names]
     px = at[seen]
     view, size_px = clip.view(bed, px)
+    check_marks(bed, view, size_px)
     check_units(mechanism, bed, view, heights, size_px)
     cov = point_covariance(times, at, None, seen)  # the tool says nothing of one picture against another
     world, sigma = in_world(at, cov, view, bed, heights[own])
@@ -130,7 +131,7 @@ def _seen_by_camera(
     warned = warn_height(bed, view, px, size_px[0]) + warn_marks(bed, view)
     bars = known_lengths(mechanism, bed.plane, points.names)
     first = bed.plane.from_world(np.nan_to_num(_first(world)))[:, :2]
-    warned += warn_lengths(bars, points.names, np.where(np.any(seen, axis=0)[:, None], first, np.nan))
+    warned += warn_lengths(bars, points.names, np.where(np.any(seen, axis=0)[:, None], first, np.nan), bed)
     return Placed(own_s, world, sigma, cov, [*notes, *more, *warned, *shared.notes], shared)
 
 
