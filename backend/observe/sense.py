@@ -18,7 +18,7 @@ from backend.observe.tracking_error import TrackingError
 LEAST, MOST = 0.02, 30.0  # of the picture's diagonal: a drawing is seen larger than a dot, and not much larger than it
 FAR_M = 100.0  # no linkage is filmed from so far away
 NEAR, GUESSED = 0.5, 3.0  # of the camera's height: no dots are higher; where that height is a guess, by a phone's lens
-BESIDE, AGREE = 0.03, 0.1  # of the diagonal: more than an unknown lens does; of that, once a mark is mended
+BESIDE, AGREE = 0.03, 0.005  # of the diagonal: more than an unknown lens does; what it may do
 ENOUGH = 5  # marks: four that are left agree whatever they are
 LONGER, KNOWN = 0.05, 0.02  # more than unknown heights and lens do to lengths; than drawings and prints are off by
 LONGER_M = 1e-3
@@ -28,18 +28,21 @@ METRES = "All lengths are in metres: 300 mm is 0.3."
 
 def check_marks(bed: Bed, view: AbstractView, size_px: tuple[int, int]) -> None:
     """Refuse marks that cannot all be where the bed file says, naming what would mend them.  Raises TrackingError."""
-    off = mark_residuals_px(bed, view)
-    if not len(off) or off.max() < BESIDE * np.hypot(*size_px):
+    off, diagonal_px = mark_residuals_px(bed, view), float(np.hypot(*size_px))
+    if not len(off) or off.max() < BESIDE * diagonal_px:
         return
 
     def agree(marks: Sequence[BedMark]) -> bool:
         other = bed.model_copy(update={"marks": tuple(marks)})
         try:
-            return bool(mark_residuals_px(other, calibrate(other, *size_px)).max() < AGREE * off.max())
+            return bool(mark_residuals_px(other, calibrate(other, *size_px)).max() < AGREE * diagonal_px)
         except TrackingError:  # no view at all
             return False
 
     every, told = list(bed.marks), "Check their places and their numbers."
+    for mark in every if len(every) > ENOUGH else ():
+        if agree([other for other in every if other is not mark]):
+            told = f"Without {mark.id} the others agree: check its metres, or leave it out."
     for a, b in combinations(range(len(every)), 2):
         p, q = every[a], every[b]
         at = {
@@ -48,9 +51,6 @@ def check_marks(bed: Bed, view: AbstractView, size_px: tuple[int, int]) -> None:
         }
         if agree([at.get(k, mark) for k, mark in enumerate(every)]):
             told = f"With the places of {p.id} and {q.id} swapped they agree."
-    for mark in every if len(every) > ENOUGH else ():
-        if agree([other for other in every if other is not mark]):
-            told = f"Without {mark.id} the others agree: check its metres, or leave it out."
     worst = bed.marks[int(off.argmax())].id
     raise TrackingError(
         f"The bed marks contradict each other: {worst} is seen {off.max():.0f} px from where the others put it. {told}"
