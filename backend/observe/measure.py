@@ -175,7 +175,10 @@ def track_video(
 def _read_clicks(clicks: Mapping[str, Sequence[float]] | str | Path | None) -> dict[str, tuple[float, float]]:
     try:
         given = json.loads(Path(clicks).read_text(encoding="utf-8")) if isinstance(clicks, str | Path) else clicks
-        return {str(name): (float(at[0]), float(at[1])) for name, at in (given or {}).items()}
+        read = {str(name): (float(at[0]), float(at[1])) for name, at in (given or {}).items()}
+        if wrong := [name for name, at in read.items() if not np.isfinite(at).all()]:
+            raise ValueError(f"{', '.join(wrong)} has no pixel")
+        return read
     except (OSError, ValueError, TypeError, IndexError, AttributeError, KeyError) as error:
         raise TrackingError(f'Clicks cannot be read ({error}); write {{"marker": [x_px, y_px]}}.') from error
 

@@ -215,7 +215,7 @@ def test_a_known_lens_with_its_centre_needs_no_clip(four_dots, seen, sure, tmp_p
         (b"", "is empty"),
         (b"\x89HDF\r\n\x1a\n" + bytes(20), "HDF5 file that"),
         (b"time;x;y\n0;1;2\n", "no file of tracks: it begins with 'time;x;y'"),
-        (b"\x00\x01\x02" * 30, "no file of tracks"),
+        (b"\x00\x01\x02" * 30, "no text and no HDF5; a clip is measured by linktwin track"),
     ],
 )
 def test_what_no_tool_wrote_is_refused_in_a_sentence(four_dots, tmp_path, content, says):

@@ -1,5 +1,6 @@
 """A bed file, a drawing or a clip that cannot belong together is refused or told, never measured in silence."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,11 +9,13 @@ import pytest
 from backend.observe.account import warn_lost
 from backend.observe.bars import Bar, known_lengths
 from backend.observe.bed import Bed, read_bed
+from backend.observe.dots import learn_look
 from backend.observe.measure import track_video
 from backend.observe.plane import Plane
 from backend.observe.project import calibrate
 from backend.observe.sense import check_marks, warn_lengths
 from backend.observe.tracking_error import TrackingError
+from backend.observe.video import Video
 
 from .filmed_fourbar import MARKERS, fourbar
 from .filmed_fourbar import drawing as fourbar_drawing
@@ -130,3 +133,11 @@ def test_markers_that_are_lost_or_seldom_seen_are_told_with_what_to_do():
     assert lost.startswith("After 3.00 s tip is not seen again")  # of what a player shows
     assert "--to 3.00" in lost
     assert seldom.startswith("Seldom seen: heel (33%) of the pictures.")
+
+
+def test_a_dark_start_and_a_click_on_nothing_are_told(clip, tmp_path):
+    first = next(iter(Video(clip.path)))
+    with pytest.raises(TrackingError, match=r"first picture is dark.*--from"):
+        learn_look(replace(first, luma=first.luma // 8), 4)
+    with pytest.raises(TrackingError, match="base has no pixel"):
+        track_video(clip.path, clip.mechanism, clip.bed, out_dir=tmp_path, clicks={"base": (np.nan, 1)})
