@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from backend.observe.carried import DARK, PATCH
-from backend.observe.detect import Detections, detect, learn_whole
+from backend.observe.detect import Detections, Region, detect, learn_whole
 from backend.observe.dots import DotLook, learn_look, learn_patch
 from backend.observe.label import label_dots
 from backend.observe.tags import Laid, find_tags, lay, outlines
@@ -83,8 +83,10 @@ class DotTargets:
         self.tracker = Tracker(predictor, len(self.order), 1.5 * self.look.ring_px)
 
     def step(self, frame: Frame) -> tuple[Detections, Int[np.ndarray, "n"], Expected]:
-        """The dots of the next picture."""
-        found = detect(frame, self.look)
+        """The dots of the next picture, sought where the mechanism's motion may have taken them."""
+        expected, reach = self.tracker.predictor.predict(frame.time_s)
+        around = Region.around(expected, reach + 2 * self.tracker.gate_px + 2 * self.look.ring_px)
+        found = detect(frame, self.look, around)
         return found, *self.tracker.follow(frame.time_s, found)
 
 
