@@ -98,11 +98,11 @@ def warn_lost(seen: Record, markers: Sequence[str], video: Video) -> list[str]:
     count, warnings = len(known), list[str]()
     last = np.where(known.any(0), count - 1 - known[::-1].argmax(0), 0)
     gone = count - 1 - last > LOST * count
-    for k in np.unique(last[gone]):
-        names = ", ".join(m for m, g, at in zip(markers, gone, last, strict=True) if g and at == k)
+    if gone.any():
+        ends = [f"{m} after {shown_s[at]:.2f} s" for m, g, at in zip(markers, gone, last, strict=True) if g]
         warnings.append(
-            f"After {shown_s[k]:.2f} s {names} {'is' if ',' not in names else 'are'} not seen again: look there in the "
-            f"preview. Where nothing more is to be seen, end sooner (--to {shown_s[k]:.2f})."
+            f"Not seen again: {', '.join(ends)}. Look there in the preview; where nothing more is to be seen, end sooner "
+            f"(--to {shown_s[last[gone].min()]:.2f})."
         )
     share = known.mean(0)
     if rare := [f"{m} ({100 * s:.0f}%)" for m, s, g in zip(markers, share, gone, strict=True) if s < RARE and not g]:

@@ -130,7 +130,7 @@ def test_markers_that_are_lost_or_seldom_seen_are_told_with_what_to_do():
     status[61:, 0], status[::3, 2], status[1::3, 2] = "occluded", "outlier", "occluded"
     seen = SimpleNamespace(status=status, times_s=np.arange(100) / 240)
     lost, seldom = warn_lost(seen, ["tip", "knee", "heel"], SimpleNamespace(slower=8.0, begins_s=1.0))
-    assert lost.startswith("After 3.00 s tip is not seen again")  # of what a player shows
+    assert lost.startswith("Not seen again: tip after 3.00 s. Look there in the preview")  # as a player shows it
     assert "--to 3.00" in lost
     assert seldom.startswith("Seldom seen: heel (33%) of the pictures.")
 
