@@ -101,7 +101,7 @@ def warn_lost(seen: Record, markers: Sequence[str], video: Video) -> list[str]:
     if gone.any():
         ends = [f"{m} after {shown_s[at]:.2f} s" for m, g, at in zip(markers, gone, last, strict=True) if g]
         warnings.append(
-            f"Not seen again: {', '.join(ends)}. Look there in the preview; where nothing more is to be seen, end sooner "
+            f"Not seen again: {', '.join(ends)}. Look there in the preview; where nothing more is seen, end sooner "
             f"(--to {shown_s[last[gone].min()]:.2f})."
         )
     share = known.mean(0)
