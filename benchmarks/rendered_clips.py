@@ -11,6 +11,7 @@ sigma_m² + calibration_sd_m²: 1 where both are honest.
 import argparse
 import json
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -58,12 +59,14 @@ def tracked(clip: Clip, folder: Path, coast_s: float = 0.0, **known: Any) -> pd.
     targets = {m: FIRST_TARGET_TAG + k for k, m in enumerate(clip.filmed.markers)} if tagged else None
     given = {key: value for key, value in (bed(clip) | known).items() if value is not None}
     with tempfile.TemporaryDirectory() as out:
+        begun = time.process_time()
         result = track_video(
             clip.made(folder), clip.filmed.mechanism, given,
             out_dir=out, targets=targets, coast_s=coast_s, preview=False,
         )  # fmt: skip
     result.tracks.attrs["shared_m"] = result.summary["calibration_sd_m"]
     result.tracks.attrs["readout"] = result.summary.get("readout")
+    result.tracks.attrs["cpu_ms"] = 1e3 * (time.process_time() - begun) / result.summary["frames"]
     return result.tracks
 
 
@@ -119,13 +122,14 @@ WAYS: dict[str, Callable[[Clip, Path], pd.DataFrame]] = {
 def row(clip: Clip, way: str, folder: Path = FOLDER) -> str:
     """One line of the table."""
     if clip.scene.target == "tag" and way not in ("kit", "readout found"):
-        return f"| {clip.name} | {way} | has no dots | | | | |"
+        return f"| {clip.name} | {way} | has no dots | | | | | |"
     tracks = WAYS[way](clip, folder)
     s, readout = score(clip, tracks), tracks.attrs.get("readout")
     seen = f"{1e3 * readout['seen_s']:.2f} ± {1e3 * readout['sd_s']:.2f}" if readout else ""
     errors = f"{s['median']:.3f} / {s['p95']:.3f} / {s['max']:.2f}"
     nees = "" if np.isnan(s["nees"]) else f"{s['nees']:.2f}"
-    return f"| {clip.name} | {way} | {errors} | {s['swaps']} | {nees} | {100 * s['seen']:.1f} | {seen} |"
+    cost = f"{tracks.attrs['cpu_ms']:.1f}" if "cpu_ms" in tracks.attrs else ""
+    return f"| {clip.name} | {way} | {errors} | {s['swaps']} | {nees} | {100 * s['seen']:.1f} | {seen} | {cost} |"
 
 
 def main() -> None:
@@ -134,7 +138,7 @@ def main() -> None:
     parser.add_argument("words", nargs="*")
     parser.add_argument("--ways", default=",".join(WAYS))
     given = parser.parse_args()
-    heads = ("clip", "way", "median / 95% / max, mm", "swaps", "NEES", "observed, %", "readout, ms")
+    heads = ("clip", "way", "median / 95% / max, mm", "swaps", "NEES", "observed, %", "readout, ms", "CPU ms a frame")
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     for clip in CLIPS:
         if not given.words or any(w in clip.name for w in given.words):

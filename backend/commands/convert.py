@@ -16,7 +16,8 @@ def convert(
     ],
     mechanism: Annotated[Path, typer.Option(help="mechanism.json: names the markers.", exists=True, dir_okay=False)],
     bed: Annotated[
-        Path | None, typer.Option(help="JSON: marks on the bed, in metres and pixels.", exists=True, dir_okay=False)
+        Path | None,
+        typer.Option(help="JSON: marks on the bed, in metres and pixels, or tags.", exists=True, dir_okay=False),
     ] = None,
     video: Annotated[
         Path | None, typer.Option(help="The clip that was tracked, for its clock.", exists=True, dir_okay=False)

@@ -18,7 +18,7 @@ def track(
     video: Annotated[Path, typer.Argument(help="The clip.", exists=True, dir_okay=False)],
     mechanism: Annotated[Path, typer.Option(help="mechanism.json: names the markers.", exists=True, dir_okay=False)],
     bed: Annotated[
-        Path, typer.Option(help="JSON: marks on the bed, in metres and pixels.", exists=True, dir_okay=False)
+        Path, typer.Option(help="JSON: marks on the bed, in metres and pixels, or tags.", exists=True, dir_okay=False)
     ],
     clicks: Annotated[
         Path | None, typer.Option(help="JSON: marker to pixel in the first frame.", exists=True, dir_okay=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,14 @@ import pandas as pd
 
 from backend.observe.bed import Bed
 from backend.observe.follow_bed import FEWEST
+from backend.observe.place import Record
 from backend.observe.project import AbstractView, mark_residuals_px, parallax_per_height
 from backend.observe.targets import Targets
 from backend.observe.video import Video
 
 LEAN_DEG = 3.0  # the example lean of a warning: what a hand that holds a phone upright misses
+LOST = 0.1  # of a clip at its end
+RARE = 0.5  # of its pictures
 UNKNOWN_HEIGHT_M = 0.005  # the example height of a warning: a bar's thickness
 
 
@@ -57,9 +61,10 @@ def warn_marks(bed: Bed, view: AbstractView) -> list[str]:
     worst = int(off.argmax())
     if off[worst] < 3.0:
         return []
+    name = bed.marks[worst].id
     return [
-        f"Bed mark {bed.marks[worst].id} is {off[worst]:.1f} px from where the other marks put it; "
-        "check its metres and its pixels."
+        f"Bed mark {name} is {off[worst]:.1f} px from where the other marks put it; check its metres, "
+        + ("and that it lies flat." if name.startswith("tag ") else "and its pixels.")
     ]
 
 
@@ -85,6 +90,27 @@ def warn_blank(followable: np.ndarray) -> list[str]:
         f"Too little is seen at {np.sum(~followable)} of {len(followable)} bed marks to follow them through the clip: "
         "a camera that moves is not noticed."
     ]
+
+
+def warn_lost(seen: Record, markers: Sequence[str], video: Video) -> list[str]:
+    """Which markers are not seen again after some time, or hardly ever."""
+    known, shown_s = seen.status == "observed", (seen.times_s - seen.times_s[0]) * video.slower + video.begins_s
+    count, warnings = len(known), list[str]()
+    last = np.where(known.any(0), count - 1 - known[::-1].argmax(0), 0)
+    gone = count - 1 - last > LOST * count
+    if gone.any():
+        ends = [f"{m} after {shown_s[at]:.2f} s" for m, g, at in zip(markers, gone, last, strict=True) if g]
+        warnings.append(
+            f"Not seen again: {', '.join(ends)}. Look there in the preview; where nothing more is seen, end sooner "
+            f"(--to {shown_s[last[gone].min()]:.2f})."
+        )
+    share = known.mean(0)
+    if rare := [f"{m} ({100 * s:.0f}%)" for m, s, g in zip(markers, share, gone, strict=True) if s < RARE and not g]:
+        warnings.append(
+            f"Seldom seen: {', '.join(rare)} of the pictures. Film with nothing in the way; a dot that is seen in part "
+            "counts as an outlier. A lamp's shine on it, or blur longer than it is wide, look the same."
+        )
+    return warnings
 
 
 def status_counts(tracks: pd.DataFrame) -> dict[str, dict[str, Any]]:

@@ -148,9 +148,10 @@ def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
         return _checked(Bed.model_validate(bed if isinstance(bed, Mapping) else {"marks": bed}))
     except ValidationError as error:
         found = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'bed'}: {e['msg']}" for e in error.errors()[:5])
-        raise TrackingError(
-            f'{source}: {found}. Each mark is {{"id": "A", "x_m": 0.1, "y_m": 0.2, "x_px": 640, "y_px": 360}}.'
-        ) from error
+        marks = ' Each mark is {"id": "A", "x_m": 0.1, "y_m": 0.2, "x_px": 640, "y_px": 360}.'
+        of_marks = any(e["loc"][:1] in ((), ("marks",)) for e in error.errors())
+        units = " Names say the unit: _m metres, _s seconds, _px pixels."
+        raise TrackingError(f"{source}: {found}.{marks if of_marks else units}") from error
 
 
 def _checked(bed: Bed) -> Bed:

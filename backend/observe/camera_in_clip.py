@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -11,10 +12,49 @@ from backend.observe.bed import Bed
 from backend.observe.beforehand import before_of
 from backend.observe.bundle import Dots
 from backend.observe.camera import Camera
+from backend.observe.project import AbstractView
+from backend.observe.shared_error import error_of_camera, error_of_marks_m
 from backend.observe.viewpoint import Viewpoint
 from backend.observe.without_board import MISFIT, adjusted, camera_of, mark_sd_px
 
+FEW = 200  # places by which the error of all is judged
 STILL = 3.0  # sigmas rms by which the marks may miss the saved pose of a camera that has not moved
+
+
+class Shared(NamedTuple):
+    """What all points of a clip have wrong together: its deviation per axis [m].
+
+    camera, tolerances: of a calibrated camera, as it stood in the clip; and what stands for it in a study that cannot
+    name it.  notes: what is to be said of it.
+    """
+
+    sd_m: float
+    camera: Camera | None = None
+    tolerances: tuple[dict[str, Any], ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def shared_error(
+    given: Camera | None,
+    bed: Bed,
+    view: AbstractView,
+    heights_m: Float[np.ndarray, "marker"],
+    markers: Sequence[str],
+    px: Float[np.ndarray, "frame marker 2"],
+    size_px: tuple[int, int],
+    interval_s: float,
+) -> Shared:
+    """By the covariance of the camera that was given, else by how well the bed's marks are seen.
+
+    bed: its marks have pixels.  px: NaN where a marker was not seen.
+    """
+    if given:
+        posed = camera_in_clip(given, bed, markers, px, size_px)
+        sd_m, tolerances = error_of_camera(posed, markers, px, interval_s)
+        return Shared(sd_m, posed, tuple(tolerances), posed.notes[len(given.notes) :])
+    seen = np.argwhere(np.isfinite(px[..., 0]))
+    some = seen[:: max(1, len(seen) // FEW)]
+    return Shared(error_of_marks_m(bed, view, px[tuple(some.T)], heights_m[some[:, 1]], size_px))
 
 
 def camera_in_clip(

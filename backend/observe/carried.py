@@ -14,6 +14,8 @@ TEXTURE, DARK, PATCH = "texture", "dark", "patch"
 REACH_PX, LEAST_REACH_PX = 10, 5  # of a texture: a bar of 10 mm at 0.5 mm a pixel; fewer pixels tell no place
 MOST_REACH_PX = 10_000  # no picture shows more
 
+TAGS = 587  # of the family that the kit prints
+
 GivenTargets = Mapping[str, int | str] | str | Path | None
 
 
@@ -70,6 +72,8 @@ def read_targets(targets: GivenTargets, markers: Sequence[str]) -> dict[str, int
             f"{', '.join(untagged)} are to be followed by their {named} and {others}; a clip is measured in one way. "
             "Put tags on these too, or follow all by texture."
         )
+    if none := [f"{given[name]!r} ({name})" for name, tag in tags.items() if not 0 <= tag < TAGS or tag != given[name]]:
+        raise TrackingError(f"{', '.join(none)} is no tag: AprilTag 36h11 has numbers from 0 to {TAGS - 1}.")
     if len(set(tags.values())) < len(tags):
         raise TrackingError(f"Two markers carry the same tag ({tags}); give each its own.")
     return {name: tags[name] for name in markers}

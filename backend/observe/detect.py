@@ -20,6 +20,7 @@ from backend.observe.video import Frame
 Patch = Float[np.ndarray, "n k k"]
 ALIKE = 0.4  # of the logarithm of its area: what light and blur do to a patch that nothing covers
 LEAST_RIM = 0.8  # of a bare dot's rim must be seen
+FARTHEST = 1 << 20  # pixels: no picture is larger
 PASSES = 3  # the window follows the centroid; it moves less than 0.001 px in a fourth
 # A whole dot, still or blurred by its motion, looks alike from both sides.
 UNEVEN = 0.06  # of the contrast, over what the clip's dots usually show
@@ -45,9 +46,35 @@ class Detections:
         return len(self.px)
 
 
-def detect(frame: Frame, look: DotLook) -> Detections:
-    """All dots that have the clip's look and lie clear of the picture's edge."""
-    blobs = find_blobs(colour_mask(frame, look))
+@dataclass(frozen=True)
+class Region:
+    """Where dots are sought: from one corner [px] to the other, whole pixels of the colour planes."""
+
+    low: tuple[int, int]
+    high: tuple[int, int]
+
+    @classmethod
+    def around(cls, px: Float[np.ndarray, "n 2"], reach_px: Float[np.ndarray, "n"]) -> Region:
+        """All that lies within reach of any of these points."""
+        low, high = (px - reach_px[:, None]).min(0) / 2, (px + reach_px[:, None]).max(0) / 2 + 1
+        (u, v), (right, below) = (np.clip(c, 0, FARTHEST).astype(int).tolist() for c in (low, high))
+        return cls((u, v), (max(right, u + 1), max(below, v + 1)))
+
+    def of(self, frame: Frame) -> tuple[Frame, Float[np.ndarray, "2"]]:
+        """This part of a picture, and where it begins [px]."""
+        height, width = frame.cb.shape
+        u, v = min(self.low[0], width - 1), min(self.low[1], height - 1)
+        rows, columns = slice(v, self.high[1]), slice(u, self.high[0])
+        luma = frame.luma[2 * v : 2 * self.high[1], 2 * u : 2 * self.high[0]]
+        part = replace(frame, luma=luma, cb=frame.cb[rows, columns], cr=frame.cr[rows, columns])
+        return part, np.array([2.0 * u, 2.0 * v])
+
+
+def detect(frame: Frame, look: DotLook, region: Region | None = None) -> Detections:
+    """All dots that have the clip's look and lie clear of the picture's edge; of a region alone where one is given."""
+    part, begins = region.of(frame) if region else (frame, np.zeros(2))
+    blobs = find_blobs(colour_mask(part, look))
+    blobs = replace(blobs, px=blobs.px + begins)
     height, width = frame.luma.shape
     margin = look.radius_px if look.patch else look.ring_px + 2
     inside = ((blobs.px > margin) & (blobs.px < np.array([width, height]) - 1 - margin)).all(1)

@@ -19,6 +19,7 @@ Points = Float[np.ndarray, "n 2"]
 ANGLES = np.linspace(0, 2 * np.pi, 32, endpoint=False)
 MIN_COLOUR = 12.0  # codes away from the bed's own colour; below this, compression paints grey things
 MIN_CONTRAST = 15.0  # luma codes between dot and ring
+DARKNESS = 40  # codes, of which black is 16
 LARGEST = 0.05  # of the picture: a ball that fills more leaves no room to move in
 ALL_ROUND = 0.1  # of the contrast: what surrounds a dot varies by less where it is a printed ring
 SIZE_GAP = 2.0  # dots of one print differ less than this in area
@@ -110,6 +111,8 @@ def learn_look(frame: Frame, expected: int, hint_px: Points | None = None, dark:
     spots on lighter ground.
     Raises TrackingError when nothing looks like a dot.
     """
+    if frame.luma.max() < DARKNESS:
+        raise TrackingError("The first picture is dark. Start where the mechanism is seen: --from SECONDS.")
     cb, cr = frame.cb.astype(np.float32), frame.cr.astype(np.float32)
     neutral = float(np.median(cb)), float(np.median(cr))
     colour = np.hypot(cb - neutral[0], cr - neutral[1])

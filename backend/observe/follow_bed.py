@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from backend.observe.bed import Bed
 from backend.observe.project import AbstractView, calibrate
+from backend.observe.rows import Rows
 from backend.observe.texture import GRAIN_PX, HOLD_PX, NOISE_CODES
 
 REACH_PX = 24  # half the side of what is laid over: the middle of a tag of 80 px
@@ -110,10 +111,10 @@ class ShakenView:
 
 
 def settle(
-    bed: Bed, moved: Float[np.ndarray, "frame mark 2"], times_s: Float[np.ndarray, "frame"], size_px: tuple[int, int]
+    bed: Bed, moved: Float[np.ndarray, "frame mark 2"], times_s: Float[np.ndarray, "frame"], rows: Rows
 ) -> tuple[Bed, ShakenView | None]:
     """The bed with marks from all pictures, and the views of a camera that was shaken (None where it stood still)."""
-    width, height = size_px
+    width, height = rows.size_px
     seen = np.isfinite(moved[..., 0])
     counted = seen.sum(1) >= FEWEST
     typical = np.nanmedian(moved[counted], axis=1) if counted.any() else np.zeros((0, 2))
@@ -123,7 +124,7 @@ def settle(
         return _with_marks(bed, bed.pixels() + shift), None
     px = bed.pixels()[None] + moved
     at = times_s + 0.5 * bed.readout_s
-    own_s = times_s[:, None] + bed.readout_s * np.clip(bed.pixels()[:, 1] / (height - 1), 0, 1)
+    own_s = times_s[:, None] + bed.readout_s * np.clip(rows.share(bed.pixels()), 0, 1)
     level = np.full_like(px, np.nan)
     for m in range(px.shape[1]):
         known = seen[:, m]

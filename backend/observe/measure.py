@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from backend.observe.account import summarise, warn_blank, warn_height, warn_marks, warn_stick
+from backend.observe.account import summarise, warn_blank, warn_height, warn_lost, warn_marks, warn_stick
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed
 from backend.observe.camera import write_camera
-from backend.observe.camera_in_clip import camera_in_clip
+from backend.observe.camera_in_clip import shared_error
 from backend.observe.carried import TEXTURE, GivenTargets, Untagged, read_targets
 from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.follow_bed import BedWatch, ShakenView, settle
@@ -25,8 +25,9 @@ from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import AbstractView, view_in_picture
 from backend.observe.readout import dated, error_of_readout_m, readout_of
+from backend.observe.rows import Rows
 from backend.observe.seen_bed import bed_in_picture
-from backend.observe.shared_error import error_of_camera, error_of_marks_m
+from backend.observe.sense import check_marks, check_units, drawn_extent_m, warn_lengths, warn_start
 from backend.observe.targets import DotTargets, TagTargets, Targets
 from backend.observe.texture import TextureTargets
 from backend.observe.track import ConstantVelocity, Linked
@@ -40,6 +41,7 @@ FOLLOWED = (
     "Markers were followed by their surroundings, from where the drawing or a click puts them in the first picture: an "
     "error there stays for the whole clip. Free marker_offset in a fit."
 )
+START = "Check that the bed file's origin and axes are the drawing's, and that the clip begins near the drawn pose."
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ def track_video(
     warnings += told
     view = view_in_picture(bed, width_px, height_px)
     on_bed = bed.plane.from_world(np.array(list(drawn.values())))[:, :2]
+    check_marks(bed, view, (width_px, height_px))
+    check_units(mechanism, bed, view, heights, (width_px, height_px))
     expected = view.pixels(on_bed, heights)
     clicks = _read_clicks(clicks)
     tags = read_targets(targets, list(drawn))
@@ -121,6 +125,9 @@ def track_video(
     start_px = on_pins.found.px[on_pins.order]
     each = ConstantVelocity(first.time_s, start_px, GREATEST_ACCELERATION / slope)
     at = view.metres(start_px[: len(drawn)], heights)
+    bars = known_lengths(mechanism, bed.plane, list(drawn))
+    warnings += warn_lengths(bars, list(drawn), at, bed)
+    warnings += warn_start(drawn, list(drawn), bed.plane.to_world(at), drawn_extent_m(mechanism), START)
     together = kinematics_of(mechanism, bed.plane, first.time_s, at)
     on_pins.start(Linked(each, together, view, heights) if together else each)
     watch = BedWatch(bed.pixels(), first.luma, video.frame_count)
@@ -130,40 +137,36 @@ def track_video(
         if painter:
             painter.close()
     size_px, marks = (width_px, height_px), bed
-    bed, shaken = settle(marks, watch.result(), seen.times_s, size_px)
+    rows = Rows(size_px, first.quarter_turns)
+    bed, shaken = settle(marks, watch.result(), seen.times_s, rows)
     view = view_in_picture(bed, *size_px)
     readout = None
     if bed.lens:
-        bars = known_lengths(mechanism, bed.plane, list(drawn))
         for _ in range(2 if shaken else 1):  # a camera that moved is itself found through the readout
-            at, row = _on_bed(seen, view, heights, bed.readout_s, height_px, shaken)
+            at, row = _on_bed(seen, view, heights, bed.readout_s, rows, shaken)
             readout = readout_of(seen.times_s, at, row, bars)
             dated_marks, told = dated(marks, readout)
-            bed, shaken = settle(dated_marks, watch.result(), seen.times_s, size_px)
+            bed, shaken = settle(dated_marks, watch.result(), seen.times_s, rows)
         warnings += told
     bodies = [marker.body for marker in mechanism.markers]
-    table = place(seen, list(drawn), on_pins.radius_px, view, bed, heights, coast_s, height_px, bodies, shaken)
+    table = place(seen, list(drawn), on_pins.radius_px, view, bed, heights, coast_s, rows, bodies, shaken)
     if shaken:
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
-    warnings += warn_stick(bed, view, px, width_px) + warn_blank(watch.followable)
-    if given:
-        posed = camera_in_clip(given, bed, list(drawn), seen.px, size_px)
-        shared_m, tolerances = error_of_camera(posed, list(drawn), seen.px, 1 / video.frames_per_s)
-    else:
-        some = np.argwhere(np.isfinite(seen.px[..., 0]))[:: max(1, len(px) // 200)]
-        shared_m = error_of_marks_m(bed, view, seen.px[tuple(some.T)], heights[some[:, 1]], size_px)
+    warnings += warn_stick(bed, view, px, width_px) + warn_blank(watch.followable) + warn_lost(seen, list(drawn), video)
+    shared = shared_error(given, bed, view, heights, list(drawn), seen.px, size_px, 1 / video.frames_per_s)
+    shared_m = shared.sd_m
     if readout and bed.readout_s == readout.seconds:
-        at, row = _on_bed(seen, view, heights, bed.readout_s, height_px, shaken)
+        at, row = _on_bed(seen, view, heights, bed.readout_s, rows, shaken)
         shared_m = float(np.hypot(shared_m, error_of_readout_m(seen.times_s, at, row, readout.sd_s)))
     summary = summarise(video, table, on_pins, view, bed, slope, warnings, shared_m)
     if readout:
         summary["readout"] = {"used_s": bed.readout_s, "seen_s": readout.seconds, "sd_s": readout.sd_s}
-    if given and not shaken:  # one pose for the whole clip, from its marks
-        summary["warnings"] += posed.notes[len(given.notes) :]
-        summary["tolerances"] = tolerances
-        write_camera(posed, out / "camera.json")
+    if shared.camera and not shaken:  # one pose for the whole clip, from its marks
+        summary["warnings"] += shared.notes
+        summary["tolerances"] = list(shared.tolerances)
+        write_camera(shared.camera, out / "camera.json")
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
     return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)
@@ -172,16 +175,19 @@ def track_video(
 def _read_clicks(clicks: Mapping[str, Sequence[float]] | str | Path | None) -> dict[str, tuple[float, float]]:
     try:
         given = json.loads(Path(clicks).read_text(encoding="utf-8")) if isinstance(clicks, str | Path) else clicks
-        return {str(name): (float(at[0]), float(at[1])) for name, at in (given or {}).items()}
+        read = {str(name): (float(at[0]), float(at[1])) for name, at in (given or {}).items()}
+        if wrong := [name for name, at in read.items() if not np.isfinite(at).all()]:
+            raise ValueError(f"{', '.join(wrong)} has no pixel")
+        return read
     except (OSError, ValueError, TypeError, IndexError, AttributeError, KeyError) as error:
         raise TrackingError(f'Clicks cannot be read ({error}); write {{"marker": [x_px, y_px]}}.') from error
 
 
 def _on_bed(
-    seen: Record, view: AbstractView, heights_m: np.ndarray, readout_s: float, rows: int, shaken: ShakenView | None
+    seen: Record, view: AbstractView, heights_m: np.ndarray, readout_s: float, rows: Rows, shaken: ShakenView | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places [m] of points called observed, NaN else, and their rows, 0 first and 1 last: (frame, marker, ...)."""
-    at, row = np.full(seen.px.shape, np.nan), seen.px[..., 1] / (rows - 1)
+    at, row = np.full(seen.px.shape, np.nan), rows.share(seen.px)
     frame, marker = np.nonzero(seen.status == "observed")
     px, height = seen.px[frame, marker], heights_m[marker]
     own_s = seen.times_s[frame] + readout_s * row[frame, marker]

@@ -12,6 +12,7 @@ from backend.observe.bed import Bed
 from backend.observe.detect import Detections
 from backend.observe.follow_bed import ShakenView
 from backend.observe.project import AbstractView
+from backend.observe.rows import Rows
 from backend.observe.stretch import stretch_factor
 from backend.observe.uncertainty import point_covariance, track_noise
 from backend.observe.write import tracks_table
@@ -92,19 +93,19 @@ def place(
     bed: Bed,
     heights_m: Float[np.ndarray, "marker"],
     coast_s: float,
-    rows: int,
+    rows: Rows,
     bodies: Sequence[str],
     shaken: ShakenView | None = None,
 ) -> pd.DataFrame:
     """The table of tracks: every point on the bed, with the deviation that its pixels' covariance gives it.
 
     radius_px: of a target.  heights_m: of each marker above the marks' plane.  coast_s: gaps up to this long hold
-    predictions, with the deviation that they were made with.  rows: of a picture; a point is as late as its row is
+    predictions, with the deviation that they were made with.  rows: of the sensor; a point is as late as its row is
     read.  bodies: what carries each marker.
     shaken: the views of a camera that moved.
     """
     times, px, status = seen.times_s, seen.px.copy(), seen.status
-    row = np.where(np.isfinite(px[..., 1]), px[..., 1], seen.expected_px[..., 1]) / (rows - 1)
+    row = rows.share(np.where(np.isfinite(px), px, seen.expected_px))
     own_s = times[:, None] + bed.readout_s * np.clip(row, 0, 1)
     cov = point_covariance(times, px, seen.cov_px2, status == "observed")
     # A dot of which half is covered has its centroid 0.42 radii off.

@@ -110,6 +110,12 @@ def calibrate(bed: Bed, width_px: int, height_px: int) -> AbstractView:
         H, _ = cv2.findHomography(bed.pixels(), bed.metres())
         if H is None or not np.isfinite(H).all():
             raise TrackingError("The bed marks fix no view of the bed; check their metres and their pixels.")
+        depth = np.c_[bed.pixels(), np.ones(len(bed.marks))] @ H[2]
+        if depth.min() * depth.max() <= 0:  # some would be seen behind the camera
+            raise TrackingError(
+                f"The bed marks {', '.join(m.id for m in bed.marks)} are seen in another order round than they lie on "
+                "the bed. Two of them are swapped, or one is far from where the bed file has it."
+            )
         return HomographyView(np.asarray(H, float), middle, bed.camera_height_m)
     return pose(bed, bed.lens, middle if bed.lens.centre_px is None else np.array(bed.lens.centre_px))
 

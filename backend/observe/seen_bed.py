@@ -31,9 +31,9 @@ def bed_in_picture(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[Bed, list[
 
 def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list[str]]:
     """The tags that are seen, as marks, and the numbers of those that are not."""
-    seen = find_tags(luma)
+    seen = {i: laid.centre_px.tolist() for i, laid in find_tags(luma).items()}
     marks = [
-        BedMark(id=f"tag {t.id}", x_m=t.x_m, y_m=t.y_m, x_px=float(seen[t.id][0]), y_px=float(seen[t.id][1]))
+        BedMark(id=f"tag {t.id}", x_m=t.x_m, y_m=t.y_m, x_px=seen[t.id][0], y_px=seen[t.id][1])
         for t in bed.tags
         if t.id in seen
     ]
@@ -41,6 +41,12 @@ def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list
     if len(bed.marks) + len(marks) < 4:
         others = sorted(set(seen) - {t.id for t in bed.tags})
         unlisted = f" Tags {', '.join(map(str, others))} are seen and not listed in the bed file." if others else ""
+        mirrored = find_tags(np.ascontiguousarray(luma[:, ::-1]))
+        if len(mirrored) > len(seen):
+            raise TrackingError(
+                "The picture is mirrored, as by a camera that faces the person: the bed tags are read in its mirror "
+                "image. Film with the camera at the back, or send the clip without the mirror effect."
+            )
         raise TrackingError(
             f"Of the bed tags {', '.join(str(t.id) for t in bed.tags)}, {len(marks)} are found in the first picture "
             f"(missing: {', '.join(missing)}); four marks or tags fix the bed.{unlisted} Keep the tags' white margins, "

@@ -2,30 +2,57 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from backend.observe.kit import tag_cells, tag_dictionary
+from backend.observe.project import apply
 from backend.observe.tracking_error import TrackingError
 
 MARGIN = 1  # cells of white round the tag that belong to what is laid over the picture
 SOFT_PX = 5  # both are blurred by this window: the picture's sharpness is not the pattern's
+LEAST_PX = 12  # a side; fewer pixels hold no tag
 ENOUGH = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-7)
 
 
-def find_tags(luma: UInt8[np.ndarray, "h w"]) -> dict[int, Float[np.ndarray, "2"]]:
-    """Centre [px] of every tag of the kit's family, by id.
+class Laid(NamedTuple):
+    """A tag's pattern where it lies in a picture: centre and corners [px], and how well the two correlate."""
+
+    centre_px: Float[np.ndarray, "2"]
+    corners_px: Float[np.ndarray, "4 2"]
+    alike: float
+
+
+def find_tags(luma: UInt8[np.ndarray, "h w"]) -> dict[int, Laid]:
+    """Every tag of the kit's family, by id.
 
     Raises TrackingError where an id is seen twice: two prints of one tag cannot be told apart.
     """
-    corners, ids, _ = cv2.aruco.ArucoDetector(tag_dictionary(), _parameters()).detectMarkers(luma)
-    seen = [int(i) for i in np.ravel(ids)] if ids is not None else []
-    if twice := sorted({i for i in seen if seen.count(i) > 1}):
+    seen = outlines(luma)
+    if twice := sorted({i for i, _ in seen if [j for j, _ in seen].count(i) > 1}):
         raise TrackingError(
             f"Bed tag {', '.join(map(str, twice))} is seen twice in the picture; cover or remove one of the two."
         )
-    return {i: _centre(luma, i, np.asarray(c, float).reshape(4, 2)) for i, c in zip(seen, corners, strict=True)}
+    return {i: lay(luma, i, corners) for i, corners in seen}
+
+
+def outlines(
+    luma: UInt8[np.ndarray, "h w"], about_px: Float[np.ndarray, "2"] | None = None, reach_px: float = 0.0
+) -> list[tuple[int, Float[np.ndarray, "4 2"]]]:
+    """Number and corners [px] of every tag that is seen, in all of the picture or in a square about a point."""
+    low = np.zeros(2, int)
+    if about_px is not None:
+        high = np.ceil(about_px + reach_px).astype(int) + 1
+        low = np.maximum(np.floor(about_px - reach_px).astype(int), 0)
+        luma = np.ascontiguousarray(luma[low[1] : max(high[1], 0), low[0] : max(high[0], 0)])
+        if min(luma.shape) < LEAST_PX:
+            return []
+    corners, ids, _ = cv2.aruco.ArucoDetector(tag_dictionary(), _parameters()).detectMarkers(luma)
+    seen = [] if ids is None else [int(i) for i in np.ravel(ids)]
+    return [(i, np.asarray(c, float).reshape(4, 2) + low) for i, c in zip(seen, corners, strict=True)]
 
 
 def _parameters() -> cv2.aruco.DetectorParameters:
@@ -34,8 +61,10 @@ def _parameters() -> cv2.aruco.DetectorParameters:
     return found
 
 
-def _centre(luma: UInt8[np.ndarray, "h w"], tag: int, corners_px: Float[np.ndarray, "4 2"]) -> Float[np.ndarray, "2"]:
-    """The centre of the printed pattern, laid over the picture where they correlate best.
+def lay(luma: UInt8[np.ndarray, "h w"], tag: int, corners_px: Float[np.ndarray, "4 2"], within: float = 1 / 16) -> Laid:
+    """The printed pattern, laid over the picture where they correlate best, near the given corners.
+
+    within: of its side, how far the centre may move; where it moves farther it is left, and called not alike.
 
     Outlines alone are whole pixels: the diagonals of their corners meet up to 0.2 px from the centre.  The
     pattern moves under a homography (Evangelidis and Psarakis 2008), whatever the light's level and contrast.
@@ -51,11 +80,13 @@ def _centre(luma: UInt8[np.ndarray, "h w"], tag: int, corners_px: Float[np.ndarr
     crop = luma[low[1] : high[1] + 1, low[0] : high[0] + 1].astype(np.float32)
     start = cv2.getPerspectiveTransform(square, (corners_px - low).astype(np.float32)).astype(np.float32)
     every = np.full(crop.shape, 255, np.uint8)
-    middle = np.array([*square.mean(0), 1.0])
+    at = np.r_[square.mean(0)[None], square]
+    guess = low + apply(np.asarray(start, float), at)
     try:
-        _, laid = cv2.findTransformECC(pattern, crop, start.copy(), cv2.MOTION_HOMOGRAPHY, ENOUGH, every, SOFT_PX)
+        alike, laid = cv2.findTransformECC(pattern, crop, start.copy(), cv2.MOTION_HOMOGRAPHY, ENOUGH, every, SOFT_PX)
     except cv2.error:  # no better place than the outline's
-        laid = start
-    guess, centre = (np.asarray(H, float) @ middle for H in (start, laid))
-    guess, centre = guess[:2] / guess[2], centre[:2] / centre[2]
-    return low + (centre if np.hypot(*(centre - guess)) < side / 16 else guess)
+        return Laid(guess[0], guess[1:], 0.0)
+    found = low + apply(np.asarray(laid, float), at)
+    if np.hypot(*(found[0] - guess[0])) > within * side:
+        return Laid(guess[0], guess[1:], 0.0)
+    return Laid(found[0], found[1:], float(alike))

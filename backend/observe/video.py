@@ -102,7 +102,8 @@ def read_index(path: str | Path) -> Index:
     except FFmpegError as error:
         raise TrackingError(
             f"{name} cannot be opened as a video ({error.strerror}; 0 frames read). Either it is no video, or "
-            f"the recording broke off before its index was written. {remedy}"
+            f"the recording broke off before its index was written. {remedy} A repair tool can rebuild an index from "
+            "a whole clip of the same camera."
         ) from error
     if len(stamps) < 2:
         check_times(np.zeros(len(stamps)), name)
@@ -153,9 +154,10 @@ class Video:
         shown_s = index.times_s - index.times_s[0]
         (kept,) = np.nonzero((shown_s >= part.from_s) & (shown_s <= part.to_s))
         if len(kept) < 2 <= len(shown_s):
+            end = f"{part.to_s:.2f} s" if np.isfinite(part.to_s) else "its end"
             raise TrackingError(
                 f"{self.name} lasts {shown_s[-1]:.2f} s; {len(kept)} of its frames lie between {part.from_s:.2f} s and "
-                f"{part.to_s:.2f} s. Give a part of it, in seconds as a player shows them."
+                f"{end}. Give a part of it, in seconds as a player shows them."
             )
         times_s = index.times_s[kept]
         check_times(times_s, self.name)

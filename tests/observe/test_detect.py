@@ -5,7 +5,7 @@ import pytest
 
 from backend.blind.camera import Camera
 from backend.blind.render import Look
-from backend.observe.detect import detect
+from backend.observe.detect import Region, detect
 from backend.observe.dots import learn_look, learn_patch
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Video
@@ -23,6 +23,18 @@ def test_the_size_of_the_dots_is_measured_in_the_picture(four_dots):
     look = learn_look(next(iter(Video(four_dots.path))), 4)
     assert look.radius_px == pytest.approx(8, abs=0.6)  # 4 mm at 0.5 mm per pixel, profile sampled at 0.25 px
     assert look.ring_px == pytest.approx(12, abs=1.0)
+
+
+def test_dots_sought_in_a_region_are_those_that_the_whole_picture_shows_there(four_dots):
+    frame = next(iter(Video(four_dots.path)))
+    look = learn_look(frame, 4)
+    whole = detect(frame, look).px
+    for k in range(4):  # one by one, then all of them, then beyond the picture's edges
+        alone = detect(frame, look, Region.around(whole[k : k + 1], np.array([25.0]))).px
+        np.testing.assert_allclose(alone, whole[k : k + 1], atol=1e-9)
+    for reach in (25.0, 1e4):
+        np.testing.assert_allclose(detect(frame, look, Region.around(whole, np.full(4, reach))).px, whole, atol=1e-9)
+    assert len(detect(frame, look, Region.around(np.array([[-500.0, 9000.0]]), np.array([10.0])))) == 0
 
 
 @pytest.mark.parametrize("colour", [(0.6, 0.03, 0.03), (0.03, 0.3, 0.08), (0.03, 0.08, 0.5), (0.4, 0.02, 0.3)])

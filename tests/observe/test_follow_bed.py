@@ -4,6 +4,7 @@ import numpy as np
 from backend.observe.account import warn_blank
 from backend.observe.bed import Bed, BedMark
 from backend.observe.follow_bed import BedWatch, settle
+from backend.observe.rows import Rows
 
 RNG = np.random.default_rng(2)
 PLACES = np.array([[60.0, 60.0], [260.0, 60.0], [260.0, 180.0], [60.0, 180.0], [160.0, 120.0]])
@@ -49,9 +50,9 @@ def test_a_covered_mark_is_left_out_and_found_again():
 def test_a_still_camera_has_one_view_and_a_shaken_one_a_view_for_every_picture():
     t = np.arange(4) / 240
     still = watched([picture() for _ in t])
-    assert settle(bed(), still, t, (320, 240))[1] is None
+    assert settle(bed(), still, t, Rows((320, 240)))[1] is None
     shifts = np.array([(0.0, 0.0), (0.7, -0.4), (1.9, 0.3), (2.4, 1.2)])
-    _, shaken = settle(bed(), watched([picture(s) for s in shifts]), t, (320, 240))
+    _, shaken = settle(bed(), watched([picture(s) for s in shifts]), t, Rows((320, 240)))
     assert shaken is not None
     at = shaken.metres(PLACES[4] + shifts, np.zeros(4), np.arange(4), t)
     np.testing.assert_allclose(at, np.tile([0.16, -0.12], (4, 1)), atol=7e-5)  # 0.07 px of 1 mm

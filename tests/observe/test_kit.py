@@ -64,7 +64,7 @@ def test_every_tag_is_found_where_it_was_printed(paper):
     page = grey(paper, "tags")
     found, expected = find_tags(page), tag_places(paper)
     assert sorted(found) == sorted(expected) == sorted(kit.TAG_IDS)
-    at = millimetres([found[tag] for tag in expected])
+    at = millimetres([found[tag].centre_px for tag in expected])
     np.testing.assert_allclose(at, list(expected.values()), atol=0.1)  # mm; one pixel is 0.1
     x, y = np.round(np.array(expected[0]) * PX_PER_MM).astype(int)
     ink = 1 - page[y - 250 : y + 250, x - 250 : x + 250] / 255

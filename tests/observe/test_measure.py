@@ -191,7 +191,7 @@ def test_the_drawing_may_sit_elsewhere_than_the_bed(four_dots, tmp_path):
 
 
 def test_clicks_decide_where_the_drawing_cannot(four_dots, tmp_path):
-    jumbled = drawing({n: (0.001 * k, 0.0, 0.0) for k, n in enumerate(four_dots.markers_m)})
+    jumbled = drawing({n: (0.005 * k, 0.0, 0.0) for k, n in enumerate(four_dots.markers_m)})
     clicks = {n: four_dots.truth["markers_px"][n][0] for n in four_dots.markers_m}
     tracks = track_video(four_dots.path, jumbled, four_dots.bed, out_dir=tmp_path, clicks=clicks, preview=False).tracks
     assert swaps(four_dots, tracks) == 0

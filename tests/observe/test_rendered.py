@@ -70,6 +70,8 @@ def test_targets_that_disagree_with_the_drawing_are_refused(tmp_path):
         read_targets({"tip": 20}, ["tip", "knee"])
     with pytest.raises(TrackingError, match="same tag"):
         read_targets({"tip": 20, "knee": 20}, ["tip", "knee"])
+    with pytest.raises(TrackingError, match=r"1\.5 \(tip\), 600 \(knee\) is no tag: AprilTag 36h11.*0 to 586"):
+        read_targets({"tip": 1.5, "knee": 600}, ["tip", "knee"])
     file = tmp_path / "targets.json"
     file.write_text(json.dumps({"knee": 21, "tip": 20}))
     assert read_targets(file, ["tip", "knee"]) == {"tip": 20, "knee": 21}

@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 
 from backend.observe.bed import read_bed
-from backend.observe.camera import Camera, Deviations, write_camera
+from backend.observe.camera import Camera, Deviations, read_camera, write_camera
+from backend.observe.exchange.convert import convert
 from backend.observe.lens import Lens, bend, straighten
 from backend.observe.measure import track_video
 from backend.observe.project import calibrate
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.tags import find_tags
 from backend.observe.tracking_error import TrackingError
+from backend.observe.write import tracks_table, write_tracks
 
 from .board_scenes import BENDS, SIZE, K, lean, photograph, tag_centres_mm
+from .elsewhere import dlc_csv
 from .scenes import drawing
 
 MIDDLE = (105.0, 148.5)  # of an A4 page [mm]
@@ -63,7 +66,7 @@ def true_px(page_mm):
 def test_tag_centres_are_found_to_a_twentieth_of_a_pixel(luma):
     found, printed = find_tags(luma), tag_centres_mm()
     assert sorted(found) == sorted(printed)
-    off = np.array(list(found[i] for i in printed)) - true_px(list(printed.values()))
+    off = np.array([found[i].centre_px for i in printed]) - true_px(list(printed.values()))
     assert np.hypot(*off.T).max() < 0.05  # px; 0.02 is usual, outlines alone are 0.2 off
 
 
@@ -103,6 +106,11 @@ def test_too_few_tags_are_refused_by_number(luma):
 def test_a_tag_printed_twice_is_refused(luma):
     with pytest.raises(TrackingError, match="Bed tag 0, 1, 2, 3, 4, 5, 6, 7, 8 is seen twice"):
         find_tags(np.hstack([luma, luma]))
+
+
+def test_a_mirrored_picture_is_refused_as_that(luma, bed_file):
+    with pytest.raises(TrackingError, match="mirrored"):
+        bed_in_picture(read_bed(bed_file), np.ascontiguousarray(luma[:, ::-1]))
 
 
 def test_a_camera_of_another_resolution_is_scaled_with_a_warning(camera, bed_file):
@@ -152,21 +160,68 @@ def test_a_lens_bends_as_opencv_says_and_straightening_undoes_it():
     np.testing.assert_allclose(straighten(seen, lens, centre), xy, atol=1e-12)
 
 
-def test_a_clip_needs_no_pixels_given_by_hand(bed_file, tmp_path):
+DOTS_MM = {"a": (40.0, 255.0), "b": (80.0, 262.0), "c": (120.0, 252.0), "d": (165.0, 260.0)}
+DOTS_M = {name: np.array([x / 1e3, (297 - y) / 1e3, 0.0]) for name, (x, y) in DOTS_MM.items()}
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
     """Four of the kit's dots on the blank foot of the page of tags, filmed still."""
-    dots_mm = {"a": (40.0, 255.0), "b": (80.0, 262.0), "c": (120.0, 252.0), "d": (165.0, 260.0)}
-    path = tmp_path / "still.mp4"
+    path = tmp_path_factory.mktemp("still") / "still.mp4"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=60, options={"crf": "16", "preset": "ultrafast"})
         stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
         for k in range(4):
-            picture = photograph(*AWAY, name="tags", about_mm=MIDDLE, seed=k, dots_mm=tuple(dots_mm.values()))
+            picture = photograph(*AWAY, name="tags", about_mm=MIDDLE, seed=k, dots_mm=tuple(DOTS_MM.values()))
             frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="yuv420p")
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
-    metres = {name: np.array([x / 1e3, (297 - y) / 1e3, 0.0]) for name, (x, y) in dots_mm.items()}
-    result = track_video(path, drawing(metres), bed_file, out_dir=tmp_path / "out", preview=False)
+    return path
+
+
+def test_a_clip_needs_no_pixels_given_by_hand(still, bed_file, tmp_path):
+    result = track_video(still, drawing(DOTS_M), bed_file, out_dir=tmp_path / "out", preview=False)
     placed = result.tracks[["x_m", "y_m"]].to_numpy().reshape(-1, 4, 2)
-    error = 1e3 * np.hypot(*(placed - np.array(list(metres.values()))[:, :2]).transpose(2, 0, 1))
+    error = 1e3 * np.hypot(*(placed - np.array(list(DOTS_M.values()))[:, :2]).transpose(2, 0, 1))
     assert error.max() < 0.1  # mm, 0.25 px: dots of 19 px are good to 0.05 px, nine tags to 0.1 px each
     assert result.summary["warnings"] == []
+
+
+def test_tracks_made_elsewhere_are_placed_through_tags_and_a_saved_camera(still, bed_file, tmp_path):
+    seen = dict(zip(DOTS_MM, true_px(list(DOTS_MM.values())), strict=True))
+    theirs = dlc_csv(
+        tmp_path / "pose.csv", {n: np.tile(p, (4, 1)) for n, p in seen.items()}, dict.fromkeys(seen, [1.0] * 4)
+    )
+    rows_s = 4e-3
+    bed_file.write_text(json.dumps(json.loads(bed_file.read_text()) | {"readout_s": rows_s}))
+    made = convert(theirs, drawing(DOTS_M), bed=bed_file, video=still, out_dir=tmp_path / "out")
+    placed = made.tracks[["x_m", "y_m"]].to_numpy().reshape(-1, 4, 2)
+    error = 1e3 * np.hypot(*(placed - np.array(list(DOTS_M.values()))[:, :2]).transpose(2, 0, 1))
+    assert error.max() < 0.1  # mm; as the tracker's own
+    assert made.summary["warnings"] == []
+    assert 0 < made.summary["calibration_sd_m"] < 1e-3  # of a camera whose covariance is only a stand-in
+    assert read_camera(made.files[1]).pose is not None  # which a fit in pixels names
+    late = made.tracks.time_s.to_numpy()[:4]
+    np.testing.assert_allclose(late, rows_s * made.tracks.y_px.to_numpy()[:4] / (SIZE[1] - 1), atol=1e-9)
+    with pytest.raises(TrackingError, match=r"tags and camera need a picture.*--video CLIP"):
+        convert(theirs, drawing(DOTS_M), bed=bed_file, frames_per_s=60, out_dir=tmp_path)
+
+
+def test_tracks_whose_points_have_their_own_times_go_out_frame_by_frame(still, tmp_path):
+    times_s, names, speed = np.arange(6) / 60, list(DOTS_M), 1.0
+    late_s = 1e-3 * np.arange(4)
+    own_s = times_s[:, None] + late_s
+    at = np.stack(list(DOTS_M.values())) + speed * own_s[..., None] * [1, 0, np.nan]
+    px = np.broadcast_to(true_px(list(DOTS_MM.values())), (6, 4, 2))
+    none = np.full((6, 4), np.nan)
+    table = tracks_table(names, own_s, np.arange(6), at, none, px, np.full((6, 4, 2, 2), np.nan), none.astype(object))
+    table["status"] = "observed"
+    ours = write_tracks(table, tmp_path / "tracks.csv")
+    dlc, _ = convert(ours, drawing(DOTS_M), to="deeplabcut", out_dir=tmp_path).files
+    assert len(dlc.read_text().splitlines()) == 3 + 6
+    (trc,) = convert(ours, drawing(DOTS_M), to="trc", out_dir=tmp_path).files
+    back = convert(trc, drawing(DOTS_M), out_dir=tmp_path / "back").tracks
+    assert len(back) == 6 * 4
+    middle = back[(back.frame > 0) & (back.frame < 5)]  # at the ends nothing tells how fast a point is
+    there = middle.x_m - speed * middle.time_s
+    np.testing.assert_allclose(there, np.tile([p[0] for p in DOTS_M.values()], 4), atol=1e-8)

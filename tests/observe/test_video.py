@@ -75,6 +75,25 @@ def test_a_turned_clip_is_read_as_a_viewer_shows_it(four_dots, tmp_path, turn):
     assert turned.bgr().shape == (*turned.luma.shape, 3)
 
 
+@pytest.mark.parametrize("turn", [0, 90, 180, 270])
+def test_a_turned_clips_points_are_dated_by_the_rows_of_its_sensor(four_dots, tmp_path, turn):
+    """Those of a phone held upright are columns of the picture that it shows."""
+    clip = repacked(four_dots.path, tmp_path / "turned.mp4", turn=turn)
+    u, v = np.meshgrid(np.arange(640.0), np.arange(360.0))
+    upright = np.rot90(np.dstack([u, v]), turn // 90)  # which pixel of the sensor each shows
+
+    def seen(x_px, y_px):
+        at = int(np.abs(upright - [x_px, y_px]).sum(2).argmin())
+        return dict(zip(("y_px", "x_px"), map(float, np.unravel_index(at, upright.shape[:2])), strict=True))
+
+    marks = [m | seen(m["x_px"], m["y_px"]) for m in four_dots.truth["bed_marks"]]
+    bed = four_dots.bed | {"marks": marks, "readout_s": 4e-3}
+    tracks = track_video(clip, four_dots.mechanism, bed, out_dir=tmp_path, part=Part(to_s=0.03), preview=False).tracks
+    rows = np.stack([np.array(p)[:, 1] for p in four_dots.truth["markers_px"].values()], 1)[: len(tracks) // 4]
+    late = tracks.time_s.to_numpy().reshape(-1, 4) - np.arange(len(rows))[:, None] / 240
+    np.testing.assert_allclose(late, 4e-3 * rows / 359, atol=1e-5)  # ticks of a microsecond, rows to a tenth
+
+
 @pytest.mark.skipif("libx265" not in av.codecs_available, reason="this build of PyAV has no libx265 to film with")
 @pytest.mark.parametrize("turn", [0, 90])
 def test_ten_bit_hevc_is_read_at_eight_bits_and_upright(tmp_path, turn):

@@ -6,26 +6,33 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
 from backend.observe.bed import Bed
 from backend.observe.project import AbstractView, calibrate, view_in_picture
+from backend.observe.seen_bed import bed_in_picture
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Video
 
 
 @dataclass(frozen=True)
 class Footage:
-    """What is known of the clip: every frame's time and the upright picture's size, or a rate, or nothing.
+    """What is known of the clip: every frame's time and the first picture, upright, or a rate, or nothing.
 
-    times_s (frame) [s]; size_px (width, height).
+    times_s (frame) [s].  quarter_turns: by which its pictures were turned to the left to be upright.
     """
 
     name: str = ""
     times_s: Float[np.ndarray, "frame"] | None = None
-    size_px: tuple[int, int] | None = None
+    luma: UInt8[np.ndarray, "h w"] | None = None
+    quarter_turns: int = 0
     frames_per_s: float | None = None
     warnings: tuple[str, ...] = ()
+
+    @property
+    def size_px(self) -> tuple[int, int] | None:
+        """Width and height of the picture; None without a clip."""
+        return None if self.luma is None else (self.luma.shape[1], self.luma.shape[0])
 
     def times(self, frame: Int[np.ndarray, "n"], source: str) -> Float[np.ndarray, "n"]:
         """The time of each frame [s].  Raises TrackingError where the clip does not reach so far, or is unknown."""
@@ -42,8 +49,19 @@ class Footage:
             )
         return frame / self.frames_per_s
 
-    def view(self, bed: Bed, px: Float[np.ndarray, "n 2"]) -> tuple[AbstractView, int]:
-        """The camera's view of the bed, and the picture's width [px].
+    def seen(self, bed: Bed) -> tuple[Bed, list[str]]:
+        """The bed with its tags found and its saved camera made to fit, and what to warn of.  Raises TrackingError."""
+        if self.luma is not None:
+            return bed_in_picture(bed, self.luma)
+        if need := [what for what, given in (("tags", bed.tags), ("camera", bed.camera)) if given]:
+            raise TrackingError(
+                f"The bed file's {' and '.join(need)} need a picture: tags are found in the clip's first one, a saved "
+                "camera is made to fit its size. Give --video CLIP."
+            )
+        return bed, []
+
+    def view(self, bed: Bed, px: Float[np.ndarray, "n 2"]) -> tuple[AbstractView, tuple[int, int]]:
+        """The camera's view of the bed as `seen`, and the picture's width and height [px].
 
         Without the clip the picture is taken to end where marks and points `px` do, which matters to warnings
         alone; where the view itself needs the picture's middle, a TrackingError asks for the clip.
@@ -56,12 +74,14 @@ class Footage:
                     f"picture of {self.name}. Were they tracked in a scaled, cropped or turned copy? Give that copy, "
                     "and the bed marks' pixels in it."
                 )
-            return view_in_picture(bed, width, height), width
+            return view_in_picture(bed, width, height), self.size_px
         if bed.camera_height_m is not None if bed.lens is None else bed.lens.centre_px is None:
             need = "camera_height_m" if bed.lens is None else "lens without centre_px"
             raise TrackingError(f"The bed's {need} needs the middle of the picture. Give --video CLIP.")
-        extent = np.concatenate([bed.pixels(), px]).max(0) + 1
-        return calibrate(bed, *map(round, extent.tolist())), round(extent[0])
+        if bed.readout_s:
+            raise TrackingError("The bed's readout_s dates points by the picture's height. Give --video CLIP.")
+        u, v = (np.concatenate([bed.pixels(), px]).max(0) + 1).tolist()
+        return calibrate(bed, round(u), round(v)), (round(u), round(v))
 
 
 def footage(video: Path | None, frames_per_s: float | None) -> Footage:
@@ -79,5 +99,4 @@ def footage(video: Path | None, frames_per_s: float | None) -> Footage:
     first = next(iter(clip), None)
     if first is None:
         raise TrackingError(f"{clip.name}: not one frame can be decoded (0 frames read). Copy it again.")
-    height, width = first.luma.shape
-    return Footage(clip.name, clip.times_s, (width, height), warnings=tuple(clip.warnings))
+    return Footage(clip.name, clip.times_s, first.luma, first.quarter_turns, warnings=tuple(clip.warnings))

@@ -13,6 +13,7 @@ import pandas as pd
 from backend.mechanism.tracks import read_table
 from backend.observe.account import status_counts
 from backend.observe.bed import Bed, read_bed
+from backend.observe.camera import write_camera
 from backend.observe.exchange.camera import footage
 from backend.observe.exchange.formats import OURS, format_of, read_points
 from backend.observe.exchange.from_tracks import WRITERS, export, known_targets
@@ -64,20 +65,27 @@ def convert(
             raise TrackingError(f"{path.name} is linktwin's own already: a study reads it as it is. Write --to FORMAT.")
         if renaming or frames_per_s is not None:
             raise TrackingError(f"{path.name} has its own names and times; leave --names and --fps out.")
-        tracks, notes = read_table("tracks", path, mechanism), []
+        tracks, notes, shared = read_table("tracks", path, mechanism), [], None
     else:
         points = read_points(path)
         if points.time_s is not None and frames_per_s is not None:
             raise TrackingError(f"{path.name} carries its own times; leave --fps out.")
         points = points.renamed(renaming, list(drawn))
-        tracks, notes = into_tracks(points, drawn, clip, marks, least_score)
+        tracks, notes, shared = into_tracks(points, mechanism, clip, marks, least_score)
     if to == "tracks":
         folder.mkdir(parents=True, exist_ok=True)
         files = [write_tracks(tracks, folder / "tracks.csv")]
+        if shared and shared.camera:
+            files.append(write_camera(shared.camera, folder / "camera.json"))
     else:
         files, more = export(tracks, to, drawn, clip, marks, folder, path.name)
         notes += more
-    return Converted(tracks, _summary(path.name, wrote, to, tracks, notes), files)
+    summary = _summary(path.name, wrote, to, tracks, notes)
+    if shared:
+        summary["calibration_sd_m"] = shared.sd_m
+    if shared and shared.camera:
+        summary["tolerances"] = list(shared.tolerances)
+    return Converted(tracks, summary, files)
 
 
 def parse_names(text: str) -> dict[str, str]:
@@ -89,14 +97,15 @@ def parse_names(text: str) -> dict[str, str]:
 
 
 def _summary(source: str, wrote: str, to: str, tracks: pd.DataFrame, notes: list[str]) -> dict[str, Any]:
-    times = np.unique(tracks.time_s.to_numpy(float))
+    first = tracks[tracks.marker == tracks.marker.iloc[0]]
+    times = np.unique(first.time_s.to_numpy(float))  # of one marker: rows of a picture may be read one after another
     return {
         "source": source,
         "format": wrote,
         "to": to,
         "frames": len(times),
         "frames_per_s": float(1 / np.median(np.diff(times))) if len(times) > 1 else None,
-        "duration_s": float(np.ptp(times)),
+        "duration_s": float(np.ptp(tracks.time_s.to_numpy(float))),
         "markers": status_counts(tracks),
         "warnings": notes,
     }

@@ -37,6 +37,8 @@ def format_of(path: Path) -> str:
     if head.startswith(b"\x89HDF"):
         raise TrackingError(f"{path.name} is an HDF5 file that ends too early. Copy it again.")
     text = head.decode("utf-8-sig", "replace")
+    if "\0" in text:
+        raise TrackingError(f"{path.name} is no text and no HDF5; a clip is measured by linktwin track. {KNOWN}")
     rows = text.splitlines()
     if text.startswith("PathFileType") or path.suffix.lower() == ".trc":
         return "TRC"

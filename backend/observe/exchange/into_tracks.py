@@ -7,32 +7,55 @@ The noise is measured along each point's own track, as it is for dots.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
 from backend.observe.account import warn_height, warn_marks
+from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed
+from backend.observe.camera_in_clip import Shared, shared_error
 from backend.observe.exchange.camera import Footage
-from backend.observe.exchange.points import Points, listed
+from backend.observe.exchange.points import Points
+from backend.observe.label import drawn_positions
 from backend.observe.place import in_world
+from backend.observe.rows import Rows
+from backend.observe.sense import check_marks, check_units, drawn_extent_m, warn_lengths, warn_start
 from backend.observe.tracking_error import TrackingError
 from backend.observe.uncertainty import point_covariance, track_noise
 from backend.observe.write import tracks_table
 
 FLOOR_M = 1e-5  # no motion capture repeats better; a simulated file has no noise at all
-STRAY = 0.25  # of the drawing's extent: a start so far from the drawn pose is more likely a wrong name or axis
+AXES = "Check --names, and that the axes and the origin are those of the drawing."
 
-Drawn = dict[str, Float[np.ndarray, "3"]]
+
+class IntoTracks(NamedTuple):
+    """One row per frame and marker, what its user should know, and what all points seen by a camera have wrong."""
+
+    table: pd.DataFrame
+    notes: list[str]
+    shared: Shared | None
+
+
+class Placed(NamedTuple):
+    """Points on the bed, (frame, point, ...): their own times, places, deviations, covariance of pixels."""
+
+    own_s: Float[np.ndarray, "frame point"]
+    world: Float[np.ndarray, "frame point 3"]
+    sigma: Float[np.ndarray, "frame point"]
+    cov_px2: Float[np.ndarray, "frame point 2 2"]
+    notes: list[str]
+    shared: Shared
 
 
 def into_tracks(
-    points: Points, drawn: Drawn, clip: Footage, bed: Bed | None, least_score: float | None = None
-) -> tuple[pd.DataFrame, list[str]]:
-    """The table of tracks, one row per frame and marker, and what its user should know.
+    points: Points, mechanism: Any, clip: Footage, bed: Bed | None, least_score: float | None = None
+) -> IntoTracks:
+    """The table of tracks.
 
-    points: under the drawing's names.  drawn: each marker's world position [m].  least_score: below it a point
+    points: under the drawing's names.  mechanism: the drawing.  least_score: below it a point
     counts as hidden (default: what the tool itself uses).
     Raises TrackingError where times or places cannot be had.
     """
@@ -51,8 +74,10 @@ def into_tracks(
         raise TrackingError(f"{points.source} holds one frame; motion needs at least two. Export the whole clip.")
     notes = [*points.notes, *clip.warnings]
     status = np.where(seen, "observed", "occluded").astype(object)
+    own_s, shared = np.repeat(times[:, None], len(points.names), 1), None
     if points.in_pixels:
-        world, sigma, px, cov, more = _seen_by_camera(points, at, seen, times, drawn, clip, bed)
+        px = at
+        own_s, world, sigma, cov, more, shared = _seen_by_camera(points, at, seen, times, mechanism, clip, bed)
         notes += more
         if clip.times_s is not None and len(clip.times_s) > points.frame[-1] + 1:
             notes.append(
@@ -65,11 +90,11 @@ def into_tracks(
         world, sigma = at, np.where(seen, np.array(each), np.nan)
         px, cov = np.full((*seen.shape, 2), np.nan), np.full((*seen.shape, 2, 2), np.nan)
     cov = np.where(seen[..., None, None], cov, np.nan)
-    own_s = np.repeat(times[:, None], len(points.names), 1)
     table = tracks_table(points.names, own_s, points.frame, world, sigma, px, cov, status)
     if not points.in_pixels:
         table = table.drop(columns=[name for name in table.columns if name.endswith(("_px", "_px2"))])
-    return table, notes + _start(points, world, drawn)
+    notes += warn_start(drawn_positions(mechanism), points.names, _first(world), drawn_extent_m(mechanism), AXES)
+    return IntoTracks(table, notes, shared)
 
 
 def _to_last(points: Points, seen: np.ndarray, clip: Footage) -> Points:
@@ -83,33 +108,35 @@ def _to_last(points: Points, seen: np.ndarray, clip: Footage) -> Points:
 
 
 def _seen_by_camera(
-    points: Points, at: np.ndarray, seen: np.ndarray, times: np.ndarray, drawn: Drawn, clip: Footage, bed: Bed | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, list[str]]:
+    points: Points, at: np.ndarray, seen: np.ndarray, times: np.ndarray, mechanism: Any, clip: Footage, bed: Bed | None
+) -> Placed:
     if bed is None:
-        raise TrackingError(f"{points.source} is in pixels. Give --bed BED.json: marks in metres and in pixels.")
-    markers = list(drawn)
-    heights, notes = bed.heights(markers)
-    heights = heights[[markers.index(name) for name in points.names]]
+        raise TrackingError(f"{points.source} is in pixels. Give --bed BED.json: marks in metres and pixels, or tags.")
+    given = bed.camera
+    bed, notes = clip.seen(bed)
+    markers = list(drawn_positions(mechanism))
+    heights, more = bed.heights(markers)
+    own = [markers.index(name) for name in points.names]
     px = at[seen]
-    view, width = clip.view(bed, px)
+    view, size_px = clip.view(bed, px)
+    check_marks(bed, view, size_px)
+    check_units(mechanism, bed, view, heights, size_px)
     cov = point_covariance(times, at, None, seen)  # the tool says nothing of one picture against another
-    world, sigma = in_world(at, cov, view, bed, heights)
-    return world, sigma, at, cov, notes + warn_height(bed, view, px, width) + warn_marks(bed, view)
+    world, sigma = in_world(at, cov, view, bed, heights[own])
+    every = np.full((len(at), len(markers), 2), np.nan)
+    every[:, own] = at
+    shared = shared_error(given, bed, view, heights, markers, every, size_px, float(np.median(np.diff(times))))
+    row = Rows(size_px, clip.quarter_turns).share(np.where(seen[..., None], at, 0))
+    own_s = times[:, None] + bed.readout_s * np.clip(row, 0, 1)
+    warned = warn_height(bed, view, px, size_px[0]) + warn_marks(bed, view)
+    bars = known_lengths(mechanism, bed.plane, points.names)
+    first = bed.plane.from_world(np.nan_to_num(_first(world)))[:, :2]
+    warned += warn_lengths(bars, points.names, np.where(np.any(seen, axis=0)[:, None], first, np.nan), bed)
+    return Placed(own_s, world, sigma, cov, [*notes, *more, *warned, *shared.notes], shared)
 
 
-def _start(points: Points, world: np.ndarray, drawn: Drawn) -> list[str]:
-    """Whether the first places are where the drawing has them: wrong names and turned axes show here."""
-    expected = np.array([drawn[name] for name in points.names])
-    extent = float(np.linalg.norm(np.ptp(expected, axis=0)))
-    away = np.full(len(points.names), np.nan)
-    for m, p_WM in enumerate(expected):
-        seen = np.flatnonzero(np.any(np.isfinite(world[:, m]), axis=1))
-        if len(seen):
-            away[m] = np.sqrt(np.nansum((world[seen[0], m] - p_WM) ** 2))
-    if extent == 0 or np.nanmedian(away) <= STRAY * extent:
-        return []
-    far = [name for name, d in zip(points.names, away, strict=True) if d > STRAY * extent]
-    return [
-        f"The points start {1e3 * np.nanmedian(away):.0f} mm (median) from where the drawing has them: {listed(far)}. "
-        "Check --names, and that the axes and the origin are those of the drawing."
-    ]
+def _first(world: np.ndarray) -> np.ndarray:
+    """Each point's first place, (point, 3); NaN for one that is nowhere."""
+    seen = np.any(np.isfinite(world), axis=2)
+    first = world[np.argmax(seen, axis=0), np.arange(world.shape[1])]
+    return np.where(np.any(seen, axis=0)[:, None], first, np.nan)
