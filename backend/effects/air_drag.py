@@ -25,4 +25,4 @@ class AirDrag(AbstractDrag):
     def wrench(self, body):
         """No torque about the centre of mass."""
         speed = jnp.sqrt(jnp.sum(body.v_WC**2) + STILL_M_PER_S**2)
-        return Wrench(-0.5 * AIR_DENSITY_KG_PER_M3 * self.drag_area_m2 * speed * body.v_WC, jnp.zeros(3))
+        return Wrench(-0.5 * AIR_DENSITY_KG_PER_M3 * self.drag_area_m2 * speed * body.v_WC)

@@ -114,7 +114,7 @@ class BodyView(eqx.Module):
 
 
 class Wrench(eqx.Module):
-    """Force [N] and torque about the centre of mass [N m], both in W."""
+    """Force [N] and torque about the centre of mass [N m], both in W; None is none at all."""
 
     force: Float[Array, "3"]
-    torque: Float[Array, "3"]
+    torque: Float[Array, "3"] | None = None

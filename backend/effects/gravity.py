@@ -16,8 +16,7 @@ class Gravity(AbstractBodyForce):
 
     def wrench(self, a, b):
         """No torque about the centre of mass; the world feels nothing worth counting."""
-        none = Wrench(jnp.zeros(3), jnp.zeros(3))
-        return Wrench(a.mass * self.gravity_m_per_s2, jnp.zeros(3)), none
+        return Wrench(a.mass * self.gravity_m_per_s2), None
 
     def potential(self, a, b):
         """-m g·p, zero at the world's origin."""

@@ -1,6 +1,5 @@
 """Slow flow about a body: a force against its velocity."""
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from backend.effects.effect import Wrench, parameter
@@ -17,4 +16,4 @@ class LinearDrag(AbstractDrag):
 
     def wrench(self, body):
         """No torque about the centre of mass."""
-        return Wrench(-self.n_s_per_m * body.v_WC, jnp.zeros(3))
+        return Wrench(-self.n_s_per_m * body.v_WC)

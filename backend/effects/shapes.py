@@ -124,8 +124,8 @@ class AbstractBodyForce(AbstractEffect):
     """Forces that depend on where bodies are.  The second body takes the reaction."""
 
     @abstractmethod
-    def wrench(self, a: BodyView, b: BodyView) -> tuple[Wrench, Wrench]:
-        """Wrenches on a and on b, each about its centre of mass."""
+    def wrench(self, a: BodyView, b: BodyView) -> tuple[Wrench, Wrench | None]:
+        """Wrenches on a and on b, each about its centre of mass; None on the world."""
 
     @abstractmethod
     def potential(self, a: BodyView, b: BodyView) -> Scalar:

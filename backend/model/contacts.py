@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from backend.effects.shapes import AbstractJointClearance, AbstractJointStop, Wall
 from backend.joints.joint import TURN
+from backend.model.incidence import gathered
 from backend.model.placed import Placed
 
 ROUND_TIP = 3e-3  # of the room: keeps the direction of a centred pin finite; the wall itself stays where it is
@@ -66,8 +67,7 @@ class JointContacts(eqx.Module):
 
     def on_joints(self, values: Array) -> Array:
         """Sum one array per wall over the walls of each joint."""
-        padded = jnp.concatenate([values, jnp.zeros((1, *values.shape[1:]))])
-        return jnp.sum(padded[self.sides], 1)
+        return gathered(values, self.sides)
 
 
 def joint_contacts(

@@ -4,11 +4,11 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from backend.effects.effect import AbstractEffect
+from backend.model.incidence import added, picked
 
 
 class Placed(eqx.Module):
@@ -29,7 +29,7 @@ class Placed(eqx.Module):
         rows = np.array(self.rows, dtype=int)
         if np.array_equal(rows, np.arange(len(self.ids))):
             return self.effect
-        return jax.tree.map(lambda leaf: leaf[rows], self.effect)
+        return jax.tree.map(lambda leaf: picked(leaf, rows), self.effect)
 
     def each(self) -> list[Any]:
         """The effect at each place, by itself."""
@@ -41,4 +41,4 @@ class Placed(eqx.Module):
 
     def summed(self, count: int, values: Array) -> Array:
         """Add one value per place into an array over joints or bodies."""
-        return jnp.zeros(count).at[self.at()].add(values)
+        return added(values, self.at(), count)

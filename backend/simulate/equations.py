@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from backend.frames.quaternion import tangent_map
 from backend.joints.joint import TURN
+from backend.model.incidence import picked
 from backend.model.state import Pose
 from backend.model.system import STICK_RATE, System
 from backend.simulate import contact, forces, kinematics, law, linear, meeting
@@ -21,6 +22,7 @@ from backend.simulate.contact import Reach
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Drive, Impulses
 from backend.simulate.momentum import BodyRows, momentum, momentum_slope
+from backend.simulate.slopes import known
 from backend.simulate.small import apply, apply_transposed
 
 
@@ -158,6 +160,14 @@ def frame(
     )
 
 
+def refreshed(system: System, motion: Motion) -> Motion:
+    """The same motion, where what depends on the pose alone takes its slopes from there: a step hands on no others."""
+    bodies = known(kinematics.bodies, motion.bodies, system, motion.pose)
+    rows = known(kinematics.rows, motion.rows, system, bodies)
+    q = known(kinematics.coordinates_near, motion.q, system, bodies, motion.q)
+    return eqx.tree_at(lambda m: (m.bodies, m.rows, m.q), motion, (bodies, rows, q))
+
+
 def _expected_rate(system: System, motion: Motion, jacobian: Array) -> Float[Array, "joints"]:
     """Rates of the coordinates at q_k, from the two steps before.
 
@@ -183,7 +193,7 @@ def _reach(
     """What the walls see of q_k; an end of travel counts from where the coordinate is."""
     contacts, step = system.contacts, jnp.asarray(step_s)
     here = law.at_walls(system, jnp.where(system.coordinate_rows, 0.0, rows.value))
-    travelled = contacts.normal[:, 0] * motion.q[contacts.at]
+    travelled = contacts.normal[:, 0] * picked(motion.q, contacts.at)
     room = jnp.where(np.array(contacts.travels, dtype=bool), contacts.room - travelled, contacts.room)
     back = contact.gap(contacts, room, here) - step * motion.opening
     cut = blur > 1.0
@@ -199,7 +209,7 @@ def _reach(
     stick = step * blur * STICK_RATE * jnp.where(radius > 0.0, radius, scale.length_m)
     load = motion.impulses.walls.normal
     stride = jnp.where(cut, 0.0, contact.STRIDE)
-    walled = jnp.einsum("cri,cik->crk", contacts.selection[:, :2], rows.jacobian[contacts.at])
+    walled = jnp.einsum("cri,cik->crk", contacts.selection[:, :2], picked(rows.jacobian, contacts.at))
     ease = step * kinematics.ease(system, walled, system.pairs[contacts.at]) + contacts.give / weight
     return Reach(
         room=room,
@@ -231,7 +241,8 @@ def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> 
     """Residuals of momentum and of the joints' laws, and the mechanism at q_{k+1}."""
     xi, impulses = unknowns
     there = ahead(system, at, xi)
-    carried = _on_bodies(system, at.jacobian, impulses.rows)
+    pulled = kinematics.pulled(system, at.bodies, at.jacobian, impulses.rows)
+    carried = forces.collect(system.topology.joint_sides, pulled)
     balance = momentum(system, xi, at.step_s, 1.0) - at.given - carried
     if system.drags:
         balance = balance - at.weight_s * forces.drag(system, at.bodies, _mean_velocity(at, xi))
@@ -283,8 +294,8 @@ def linearise(system: System, at: Frame, unknowns: Unknowns, led: There) -> Line
     return Linearised(factor, own, others, at.jacobian, there, slope, touch, impulses, turn)
 
 
-def direction(system: System, at: Linearised, residual: Unknowns, refined: bool = False) -> Unknowns:
-    """The change of the unknowns that cancels a residual; linear in the residual.
+def direction(system: System, at: Linearised, residual: Unknowns, refined: bool = False) -> tuple[Unknowns, Array]:
+    """The change of the unknowns that cancels a residual, and the rows' change that it brings; linear in the residual.
 
     refined: solve once more for what the first solution leaves.  Stiff rows (1/ε) leave it 1e-8 of itself in rounding,
     which Newton's next iteration removes, but a derivative would keep.
@@ -299,7 +310,7 @@ def direction(system: System, at: Linearised, residual: Unknowns, refined: bool 
     xi = jnp.concatenate([moved[:, :3], apply(at.turn, moved[:, 3:])], -1)
     rows = offset - law.react(system, at.slope, dy)
     touches, pads = meeting.respond(system, at.touch, change, moved)
-    return Unknowns(xi, Impulses(rows, law.walls_respond(system, at.slope, walls, dy), touches, pads))
+    return Unknowns(xi, Impulses(rows, law.walls_respond(system, at.slope, walls, dy), touches, pads)), dy
 
 
 def _answered(system: System, at: Linearised, moved: BodyRows) -> BodyRows:
@@ -322,8 +333,8 @@ def _mean_velocity(at: Frame, xi: BodyRows) -> BodyRows:
 def _of_pairs(system: System, pairs: tuple[tuple[int, int], ...], moved: BodyRows) -> Float[Array, "pairs 12"]:
     """Rows of both bodies of each pair side by side; fixed bodies do not move."""
     slots = system.topology.slots
-    index = np.minimum(np.array(pairs, dtype=int).reshape(-1, 2), slots)
-    return jnp.concatenate([moved, jnp.zeros((1, 6))])[index].reshape(-1, 12)
+    index = np.minimum(np.array(pairs, dtype=int).reshape(-1), slots)
+    return picked(moved, index).reshape(-1, 12)
 
 
 def _on_bodies(system: System, jacobian: Float[Array, "joints 6 12"], rows: Float[Array, "joints 6"]) -> BodyRows:

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from backend.effects.effect import BodyView
+from backend.effects.effect import BodyView, Wrench
+from backend.model.incidence import added, gathered, picked
 from backend.model.placed import Placed
 from backend.model.system import System
 from backend.simulate.kinematics import Bodies
@@ -18,17 +19,17 @@ TINY_M = 1e-9  # keeps the direction of a strut of no length finite
 def views(system: System, placed: Bodies, velocity: BodyRows, which: np.ndarray) -> BodyView:
     """What effects see of the bodies in these slots."""
     resting = jnp.zeros((system.fixed_position.shape[0], 6))
-    moving = jnp.concatenate([velocity, resting])[which]
-    mass = jnp.concatenate([system.mass, jnp.ones(resting.shape[0])])[which]
-    R_WB = placed.rotation[which]
+    moving = picked(jnp.concatenate([velocity, resting]), which)
+    mass = picked(jnp.concatenate([system.mass, jnp.ones(resting.shape[0])]), which)
+    R_WB = picked(placed.rotation, which)
     return BodyView(
-        p_WC=placed.position[which],
+        p_WC=picked(placed.position, which),
         R_WB=R_WB,
         v_WC=moving[:, :3],
         w_WB_W=apply(R_WB, moving[:, 3:]),
         mass=mass,
-        p_BC=system.center_of_mass[which],
-        stretch=system.stretch[which],
+        p_BC=picked(system.center_of_mass, which),
+        stretch=picked(system.stretch, which),
     )
 
 
@@ -40,11 +41,9 @@ def body_forces(system: System, placed: Bodies, velocity: BodyRows) -> BodyRows:
         wrenches = jax.vmap(lambda e, va, vb: e.wrench(va, vb))(
             group.here, views(system, placed, velocity, a), views(system, placed, velocity, b)
         )
-        parts = [
-            jnp.concatenate([w.force, apply_transposed(placed.rotation[side], w.torque)], -1)
-            for w, side in zip(wrenches, (a, b), strict=True)
-        ]
-        total = total + collect(system.topology.sides_of(np.stack([a, b], -1)), jnp.concatenate(parts, -1))
+        for wrench, which in zip(wrenches, (a, b), strict=True):
+            if wrench is not None:
+                total = total + _on_bodies(system, _in_body(placed, wrench, which), which)
     return total
 
 
@@ -54,9 +53,9 @@ def drag(system: System, placed: Bodies, velocity: BodyRows) -> BodyRows:
     for group in system.drags:
         which = group.at()
         wrench = jax.vmap(lambda e, v: e.wrench(v))(group.here, views(system, placed, velocity, which))
-        rows = jnp.concatenate([wrench.force, apply_transposed(placed.rotation[which], wrench.torque)], -1)
+        rows = _in_body(placed, wrench, which)
         rows = rows * jnp.array(group.shares)[:, None] if group.shares else rows
-        total = total + collect(system.topology.sides_of(which[:, None]) // 2, rows)
+        total = total + _on_bodies(system, rows, which)
     return total
 
 
@@ -74,7 +73,7 @@ def joint_efforts(system: System, q: Float[Array, "joints"]) -> Float[Array, "jo
     """Efforts along the joints' coordinates that depend on where the joint is [N m or N]."""
     total = jnp.zeros_like(q)
     for group in system.efforts:
-        total = total + group.summed(q.shape[0], jax.vmap(lambda e, x: e.effort(x))(group.here, q[group.at()]))
+        total = total + group.summed(q.shape[0], jax.vmap(lambda e, x: e.effort(x))(group.here, picked(q, group.at())))
     return total
 
 
@@ -82,7 +81,7 @@ def dry_limits(system: System, rate: Float[Array, "joints"]) -> Float[Array, "jo
     """Limit of the dry friction at joints that carry nothing, at these rates of their coordinates [N m or N]."""
     total = system.dry_limit
     for group in system.rate_frictions:
-        limits = jax.vmap(lambda e, x: e.limit(x))(group.here, rate[group.at()])
+        limits = jax.vmap(lambda e, x: e.limit(x))(group.here, picked(rate, group.at()))
         total = total + group.summed(rate.shape[0], limits)
     return total
 
@@ -91,8 +90,13 @@ def strut_lines(system: System, placed: Bodies) -> tuple[Float[Array, "struts"],
     """Length of every strut, and its slope with respect to (Δx, turn) of its first, then second body."""
     ends = np.array(system.topology.struts, dtype=int).reshape(-1, 2)
     a, b = ends[:, 0], ends[:, 1]
-    R_WA, R_WB = placed.rotation[a], placed.rotation[b]
-    line = placed.position[b] + apply(R_WB, system.strut_b) - placed.position[a] - apply(R_WA, system.strut_a)
+    R_WA, R_WB = picked(placed.rotation, a), picked(placed.rotation, b)
+    line = (
+        picked(placed.position, b)
+        + apply(R_WB, system.strut_b)
+        - picked(placed.position, a)
+        - apply(R_WA, system.strut_a)
+    )
     length = jnp.sqrt(dot(line, line) + TINY_M**2)
     u_W = line / length[:, None]
     turn_a = jnp.cross(system.strut_a, apply_transposed(R_WA, u_W))
@@ -120,8 +124,19 @@ def strut_tension(system: System, length: Float[Array, "struts"]) -> Float[Array
 
 def collect(table: np.ndarray, rows: Array) -> BodyRows:
     """Sum rows of six (one per side of a pair) into the bodies that the table of sides names."""
-    by_side = rows.reshape(-1, 6)
-    return jnp.sum(jnp.concatenate([by_side, jnp.zeros((1, 6))])[table], 1)
+    return gathered(rows.reshape(-1, 6), table)
+
+
+def _in_body(placed: Bodies, wrench: Wrench, which: np.ndarray) -> Float[Array, "places 6"]:
+    """Force in W, torque in body axes."""
+    if wrench.torque is None:
+        return jnp.concatenate([wrench.force, jnp.zeros_like(wrench.force)], -1)
+    return jnp.concatenate([wrench.force, apply_transposed(picked(placed.rotation, which), wrench.torque)], -1)
+
+
+def _on_bodies(system: System, rows: Float[Array, "places 6"], which: np.ndarray) -> BodyRows:
+    """Summed over the places of each moving body; what acts on a fixed one is lost."""
+    return added(rows, np.minimum(which, system.topology.slots), system.topology.slots)
 
 
 def _both(group: Placed, system: System) -> tuple[np.ndarray, np.ndarray]:

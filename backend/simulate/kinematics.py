@@ -10,9 +10,11 @@ from jaxtyping import Array, Float
 
 from backend.frames import quaternion
 from backend.joints.joint import SLIDE, TURN
+from backend.model.incidence import picked
 from backend.model.state import Pose
 from backend.model.system import System
 from backend.simulate.kernel import call as kernel
+from backend.simulate.slopes import along
 from backend.simulate.small import apply, apply_transposed, dot
 
 Pairs = tuple[tuple[int, int], ...]
@@ -65,18 +67,20 @@ def _compiled(pairs: Pairs, free_turn: tuple[bool, ...], placed: Bodies, drawn: 
     return Rows(*kernel.joint_rows(pairs, free_turn, *placed, *drawn))
 
 
-@_compiled.defjvp
 def _compiled_jvp(pairs: Pairs, free_turn: tuple[bool, ...], primals: tuple, tangents: tuple) -> tuple[Rows, Rows]:
-    _, change = jax.jvp(functools.partial(_rows, pairs, free_turn), primals, tangents)
+    _, change = along(functools.partial(_rows, pairs, free_turn), primals, tangents)
     return _compiled(pairs, free_turn, *primals), change
+
+
+_compiled.defjvp(_compiled_jvp, symbolic_zeros=True)
 
 
 def _rows(pairs: Pairs, free_turn: tuple[bool, ...], placed: Bodies, drawn: Drawn) -> Rows:
     a, b = np.array(pairs, dtype=int).reshape(-1, 2).T
     F_A, F_B, r_A, r_B = drawn
-    R_WA, R_WB = placed.rotation[a], placed.rotation[b]
+    R_WA, R_WB = picked(placed.rotation, a), picked(placed.rotation, b)
     axes_W = _product(R_WA, F_A)
-    p_AP = apply_transposed(R_WA, placed.position[b] + apply(R_WB, r_B) - placed.position[a])
+    p_AP = apply_transposed(R_WA, picked(placed.position, b) + apply(R_WB, r_B) - picked(placed.position, a))
     offset = apply_transposed(F_A, p_AP - r_A)
     x_W, z_W = apply(R_WB, F_B[:, :, 0]), apply(R_WB, F_B[:, :, 2])
     along_x, along_y = axes_W[:, :, 0], axes_W[:, :, 1]
@@ -110,31 +114,90 @@ def _rows(pairs: Pairs, free_turn: tuple[bool, ...], placed: Bodies, drawn: Draw
     return Rows(jnp.concatenate([offset, angles], -1), jnp.concatenate([shift, turn], 1))
 
 
+def pulled(
+    system: System, placed: Bodies, jacobian: Float[Array, "joints 6 12"], impulses: Float[Array, "joints 6"]
+) -> Float[Array, "joints 12"]:
+    """Jᵀ λ of every joint on its two bodies.  J is known; the slope is that of the product, not of all of J."""
+    drawn = Drawn(system.axes_a, system.axes_b, system.point_a, system.point_b)
+    free_turn = tuple(system.coordinate_rows[:, TURN].tolist())
+    return _pulled(system.topology.joints, free_turn, jacobian, placed, drawn, impulses)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _pulled(
+    pairs: Pairs, free_turn: tuple[bool, ...], jacobian: Array, placed: Bodies, drawn: Drawn, impulses: Array
+) -> Float[Array, "joints 12"]:
+    return apply_transposed(jacobian, impulses)
+
+
+def _pulled_jvp(pairs: Pairs, free_turn: tuple[bool, ...], primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+    _, change = along(functools.partial(_wrenches, pairs, free_turn), primals[1:], tangents[1:])
+    return _pulled(pairs, free_turn, *primals), change
+
+
+_pulled.defjvp(_pulled_jvp, symbolic_zeros=True)
+
+
+def _wrenches(
+    pairs: Pairs, free_turn: tuple[bool, ...], placed: Bodies, drawn: Drawn, impulses: Float[Array, "joints 6"]
+) -> Float[Array, "joints 12"]:
+    """Impulses along the rows as impulse (in W) and turning impulse (in body axes) on body A, then on body B."""
+    a, b = np.array(pairs, dtype=int).reshape(-1, 2).T
+    F_A, F_B, _, r_B = drawn
+    R_WA, R_WB = picked(placed.rotation, a), picked(placed.rotation, b)
+    turn = jnp.where(np.array(free_turn), 0.0, impulses[:, 5])
+    along = jnp.stack([impulses[:, :3], jnp.stack([impulses[:, 3], impulses[:, 4], jnp.zeros_like(turn)], -1)], -1)
+    push_W, tilt_W = jnp.moveaxis(_product(R_WA, _product(F_A, along)), -1, 0)
+    arm_W = apply(R_WB, r_B)
+    lever_W = picked(placed.position, b) + arm_W - picked(placed.position, a)
+    z_W = apply(R_WB, F_B[:, :, 2])
+    twist_W = jnp.cross(tilt_W, z_W)
+    if not all(free_turn):
+        along_y = apply(R_WA, turn[:, None] * F_A[:, :, 1])
+        twist_W = twist_W + jnp.cross(along_y, apply(R_WB, F_B[:, :, 0]))
+    on_a = apply_transposed(R_WA, jnp.cross(push_W, lever_W) + twist_W)
+    on_b = apply_transposed(R_WB, jnp.cross(arm_W, push_W) - twist_W)
+    if any(free_turn):
+        pin = jnp.where(np.array(free_turn), impulses[:, 5], 0.0)[:, None]
+        on_a, on_b = on_a - pin * F_A[:, :, 2], on_b + pin * F_B[:, :, 2]
+    return jnp.concatenate([-push_W, on_a, push_W, on_b], -1)
+
+
 def turned(system: System, xi: Float[Array, "slots 6"]) -> Float[Array, "joints"]:
     """Turn of B relative to A about the pin in a step ξ [rad], to third order in the turn."""
     a, b = system.pairs.T
     phi = jnp.concatenate([xi[:, 3:], jnp.zeros_like(system.fixed_position)])
-    return dot(system.axes_b[:, :, 2], phi[b]) - dot(system.axes_a[:, :, 2], phi[a])
+    return dot(system.axes_b[:, :, 2], picked(phi, b)) - dot(system.axes_a[:, :, 2], picked(phi, a))
 
 
 def ease(system: System, rows: Float[Array, "n k 12"], pairs: np.ndarray) -> Float[Array, "n"]:
     """Inverse of the mass that two bodies alone oppose to a push along their rows, the largest of k rows."""
     share = jnp.stack([1.0 / system.mass, 3.0 / jnp.trace(system.inertia, axis1=1, axis2=2)], -1).repeat(3, -1)
-    both = jnp.concatenate([share, jnp.zeros((1, 6))])[np.minimum(pairs, system.topology.slots)].reshape(-1, 1, 12)
+    both = picked(share, np.minimum(pairs, system.topology.slots).ravel()).reshape(-1, 1, 12)
     return jnp.max(jnp.sum(rows * rows * both, -1), -1)
 
 
 def coordinates(system: System, placed: Bodies) -> Float[Array, "joints"]:
     """q of every joint: turn in (-π, π] or travel; 0 where a joint has none."""
     a, b = system.pairs.T
-    R_WA, R_WB = placed.rotation[a], placed.rotation[b]
+    R_WA, R_WB = picked(placed.rotation, a), picked(placed.rotation, b)
     axes_A, axes_B = _product(R_WA, system.axes_a), _product(R_WB, system.axes_b)
     x_B = axes_B[:, :, 0]
     turn = jnp.arctan2(dot(axes_A[:, :, 1], x_B), dot(axes_A[:, :, 0], x_B))
-    p_W = placed.position[b] + apply(R_WB, system.point_b) - placed.position[a] - apply(R_WA, system.point_a)
+    p_W = (
+        picked(placed.position, b)
+        + apply(R_WB, system.point_b)
+        - picked(placed.position, a)
+        - apply(R_WA, system.point_a)
+    )
     travel = dot(axes_A[:, :, 2], p_W)
     which = system.coordinate_rows
     return jnp.where(which[:, TURN], turn, 0.0) + jnp.where(which[:, SLIDE], travel, 0.0)
+
+
+def coordinates_near(system: System, placed: Bodies, near: Float[Array, "joints"]) -> Float[Array, "joints"]:
+    """q of every joint, with the whole turns that bring it nearest to another q."""
+    return unwrap(system, coordinates(system, placed), near)
 
 
 def unwrap(system: System, q: Float[Array, "joints"], near: Float[Array, "joints"]) -> Float[Array, "joints"]:

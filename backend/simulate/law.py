@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from backend.model.incidence import picked
 from backend.model.system import System
 from backend.simulate import contact
 from backend.simulate.contact import Push, Reach
@@ -157,7 +158,7 @@ def walls_respond(system: System, at: Slope, own: Push, dy: Float[Array, "joints
 def at_walls(system: System, y: Float[Array, "joints 6"]) -> Float[Array, "walls 3"]:
     """Contact coordinates η = P y."""
     contacts = system.contacts
-    return jnp.sum(contacts.selection * y[contacts.at][:, None, :], -1)
+    return jnp.sum(contacts.selection * picked(y, contacts.at)[:, None, :], -1)
 
 
 def _on_rows(system: System, pushed: Float[Array, "walls 3"]) -> Float[Array, "joints 6"]:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from backend.model.incidence import added, picked
 from backend.model.system import STICK_RATE, System
 from backend.simulate import contact, forces, kinematics, touch
 from backend.simulate.contact import Push, Reach
@@ -129,7 +130,7 @@ def slope(system: System, at: Meeting, xi: BodyRows, impulses: Impulses, turn: F
             :, :, None
         ]
         blocks = jnp.einsum("pri,prs,psj->pij", at.pads, drag, pads_ahead)
-        on_bodies = on_bodies.at[bodies].add(blocks)
+        on_bodies = added(blocks, bodies, slots)
     return Slope(walls, at.rows, ahead, at.pads, pads_ahead, drag, on_bodies, between)
 
 
@@ -152,7 +153,7 @@ def respond(system: System, at: Slope, own: tuple[Push, Array], moved: BodyRows)
         brought = contact.respond(touch.walls(system), at.walls, _eta(system, at.ahead, moved))
         touches = Push(*(mine + theirs for mine, theirs in zip(touches, brought, strict=True)))
     if system.pads.count:
-        slid = jnp.sum(at.pads_ahead * moved[np.array(system.pads.bodies, dtype=int)][:, None], -1)
+        slid = jnp.sum(at.pads_ahead * _of_pads(system, moved)[:, None], -1)
         pads = pads - jnp.sum(at.drag * slid[:, None, :], -1)
     return touches, pads
 
@@ -172,14 +173,14 @@ def _pad_rows(system: System, bodies: Bodies) -> Float[Array, "pads 2 6"]:
     first = first / jnp.sqrt(first @ first)
     rows = []
     for u_W in (first, jnp.cross(n, first)):
-        u_B = apply_transposed(bodies.rotation[which], jnp.broadcast_to(u_W, (len(which), 3)))
+        u_B = apply_transposed(picked(bodies.rotation, which), jnp.broadcast_to(u_W, (len(which), 3)))
         shift = jnp.broadcast_to(u_W, (len(which), 3))
         rows.append(jnp.concatenate([shift, jnp.cross(pads.point, u_B)], -1))
     return jnp.stack(rows, 1)
 
 
 def _sliding(system: System, at: Meeting, xi: BodyRows) -> tuple[Float[Array, "pads 2"], Float[Array, "pads 1"]]:
-    u = jnp.sum(at.pads * xi[np.array(system.pads.bodies, dtype=int)][:, None], -1)
+    u = jnp.sum(at.pads * _of_pads(system, xi)[:, None], -1)
     return u, jnp.sqrt(jnp.sum(u * u, -1, keepdims=True) + at.stick**2)
 
 
@@ -189,8 +190,8 @@ def _places(system: System) -> np.ndarray:
 
 
 def _of_places(system: System, moved: BodyRows) -> Float[Array, "places 12"]:
-    index = np.minimum(_places(system), system.topology.slots)
-    return jnp.concatenate([moved, jnp.zeros((1, 6))])[index].reshape(-1, 12)
+    index = np.minimum(_places(system).ravel(), system.topology.slots)
+    return picked(moved, index).reshape(-1, 12)
 
 
 def _eta(system: System, rows: Float[Array, "places 2 12"], moved: BodyRows) -> Float[Array, "places 3"]:
@@ -204,8 +205,12 @@ def _on_bodies(system: System, rows: Array, carried: Float[Array, "places 3"]) -
 
 
 def _on_pads(system: System, rows: Float[Array, "pads 2 6"], carried: Float[Array, "pads 2"]) -> BodyRows:
-    total = jnp.zeros((system.topology.slots, 6))
-    return total.at[np.array(system.pads.bodies, dtype=int)].add(jnp.sum(rows * carried[:, :, None], 1))
+    bodies = np.array(system.pads.bodies, dtype=int)
+    return added(jnp.sum(rows * carried[:, :, None], 1), bodies, system.topology.slots)
+
+
+def _of_pads(system: System, moved: BodyRows) -> Float[Array, "pads 6"]:
+    return picked(moved, np.array(system.pads.bodies, dtype=int))
 
 
 def _turned(rows: Float[Array, "n 2 k 6"], turn: Array, bodies: np.ndarray) -> Float[Array, "n 2 k 6"]:

@@ -12,7 +12,7 @@ from backend.model.state import Pose, Start
 from backend.model.system import System
 from backend.simulate import contact, forces, giving, kinematics, law, meeting, touch
 from backend.simulate.contact import Push
-from backend.simulate.equations import Motion, lengthening
+from backend.simulate.equations import Motion, lengthening, refreshed
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
@@ -165,7 +165,7 @@ def march(
         else:
             after, solved, _ = _frugal_step(acting, motion, step_s, _targets(acting), _unbounded(acting))
             gone = lost | _failed(solved, LOST)
-            seen = _node(motion, after, solved, step_s, gone)
+            seen = _node(system, motion, after, solved, step_s, gone)
         kept = jax.tree.map(lambda old, new: jnp.where(gone, old, new), motion, after)
         return (kept, gone), seen._replace(lost=gone)
 
@@ -227,7 +227,7 @@ def _cut_step(
         after, solved, asked = step(system, now.motion, share * step_s, along, now.most, blur)
         last = now.cuts == halvings
         failed = _failed(solved, jnp.where(last, LOST, UNSOLVED * system.tolerance))
-        node = _node(now.motion, after, solved, share * step_s, now.gone)
+        node = _node(system, now.motion, after, solved, share * step_s, now.gone)
         overdrawn = ~failed & asked.any_finite() & (now.payments < PAYMENTS)
         again = failed | overdrawn
         first = ~again & (now.done == 0.0)
@@ -266,8 +266,9 @@ def _failed(solved: Solved, bound: float | Array) -> Array:
     return ~(solved.error < bound)
 
 
-def _node(motion: Motion, after: Motion, solved: Solved, step_s: float | Array, lost: Array) -> Seen:
+def _node(system: System, motion: Motion, after: Motion, solved: Solved, step_s: float | Array, lost: Array) -> Seen:
     """What stands at q_k: velocities of the steps before and after it, weighed by the time to their middles."""
+    motion = refreshed(system, motion)
     before, weight = motion.before_s, 0.5 * (motion.before_s + step_s)
 
     def between(arriving: Array, leaving: Array) -> Array:

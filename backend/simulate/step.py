@@ -22,11 +22,13 @@ from backend.simulate.equations import (
     frame,
     lengthening,
     linearise,
+    refreshed,
     softened,
 )
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows, momentum
+from backend.simulate.slopes import along
 
 MAX_ITERATIONS = 30  # of a step as it is asked
 PATIENCE = 15  # iterations of each softer problem
@@ -47,6 +49,7 @@ class Solved(NamedTuple):
 
     unknowns: Unknowns
     there: There
+    """Of it `moved` alone has slopes; the rest follows from the pose, see `refreshed`."""
     iterations: Int[Array, ""]
     error: Float[Array, ""]
 
@@ -135,7 +138,7 @@ def _walk(
         return (now.error > enough) & (now.iterations < most)
 
     def iterate(now: _Point) -> _Point:
-        change = direction(system, linearise(system, at, now.unknowns, now.there), now.residual)
+        change, _ = direction(system, linearise(system, at, now.unknowns, now.there), now.residual)
 
         def tried(share: float | Array) -> _Point:
             return looked(_moved(at, now.unknowns, change, share, barrier), now.iterations + 1)
@@ -175,28 +178,28 @@ def _moved(at: Frame, unknowns: Unknowns, change: Unknowns, share: float | Array
     )
 
 
-@close.defjvp
 def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
     """Implicit function theorem: the residual's change, sent back through the factored slope."""
     system, at, guess = primals
     solved = close(system, at, guess)
     unknowns = checkpoint_name(solved.unknowns, SOLUTION)
 
+    def moving(system: System, at: Frame, xi: BodyRows) -> tuple[Unknowns, There, BodyRows]:
+        return *equations(system, at, unknowns._replace(xi=xi), _barrier(system, at)), xi
+
     # The guess's own tangent is the first answer, so that only its small remainder goes through the stiff rows (1/ε):
-    # the whole would leave rounding of 1e-9 in ξ, which is 1e-6 in the velocity it stands for.
-    first = Unknowns(tangents[2].xi, jax.tree.map(jnp.zeros_like, unknowns.impulses))
-
-    def moving(system: System, at: Frame, unknowns: Unknowns) -> Unknowns:
-        return equations(system, at, unknowns, _barrier(system, at))[0]
-
-    _, change = jax.jvp(moving, (system, at, unknowns), (*tangents[:2], first))
-    linearised = linearise(system, at, unknowns, ahead(system, at, unknowns.xi))
-    answer = jax.tree.map(jnp.add, first, direction(system, linearised, change, refined=True))
-    # Led to anew, so that a derivative backwards in time keeps the solution alone.
-    there, there_change = jax.jvp(ahead, (system, at, unknowns.xi), (*tangents[:2], answer.xi))
+    # the whole leaves 1e-10 of a slope in rounding, however often it is solved for.
+    now, first = along(moving, (system, at, unknowns.xi), (*tangents[:2], tangents[2].xi))
+    # Where the solution leads is computed anew, so that a derivative backwards in time keeps the solution alone.
+    answer, displaced = direction(system, linearise(system, at, unknowns, now[1]), first[0], refined=True)
+    answer = answer._replace(xi=first[2] + answer.xi)
+    there = jax.tree.map(jnp.zeros_like, first[1])._replace(moved=first[1].moved + displaced)
     none = jnp.zeros((), dtype=jax.dtypes.float0)
     iterations, error = checkpoint_name((solved.iterations, solved.error), SOLUTION)
-    return Solved(unknowns, there, iterations, error), Solved(answer, there_change, none, jnp.zeros_like(error))
+    return Solved(unknowns, solved.there, iterations, error), Solved(answer, there, none, jnp.zeros_like(error))
+
+
+close.defjvp(_close_jvp, symbolic_zeros=True)
 
 
 def step(
@@ -212,23 +215,24 @@ def step(
     most: largest gaps that walls may ask for; returned is what they may ask for where they gave back too much.  blur:
     factor on the rate below which friction holds; above 1 the step also leans on what is known at q_k, see `frame`.
     """
+    motion = refreshed(system, motion)
     at = frame(system, motion, step_s, target, most, blur)
     solved = close(system, at, _guess(system, at, motion))
     (xi, impulses), there = solved.unknowns, solved.there
-    q = kinematics.unwrap(system, kinematics.coordinates(system, there.bodies), motion.q)
+    q = kinematics.coordinates_near(system, there.bodies, motion.q)
     velocity = xi / step_s
     rate = Bounds(_opening(system, at, there.moved), meeting.partings(system, at.meeting, velocity))
     took, asked = _accounts(system, at, motion, impulses, rate)
     after = Motion(
         pose=at.pose.advance(xi),
-        bodies=there.bodies,
-        rows=there.rows,
+        bodies=lax.stop_gradient(there.bodies),
+        rows=lax.stop_gradient(there.rows),
         time_s=motion.time_s + step_s,
         momentum=momentum(system, xi, step_s, -1.0),
         before_s=jnp.asarray(step_s),
         velocity=velocity,
         acceleration=(velocity - motion.velocity) / at.weight_s,
-        q=q,
+        q=lax.stop_gradient(q),
         rate=law.displacement(system, there.moved) / step_s,
         lengthening=lengthening(system, at.strut_slope, xi) / step_s,
         opening=rate.walls,

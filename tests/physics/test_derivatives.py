@@ -97,3 +97,18 @@ def test_forward_and_adjoint_are_transposes(slopes):
     size = np.linalg.norm(slopes.columns, axis=1) * np.linalg.norm(slopes.weights)
     assert np.abs(forward - slopes.pulled).max() > 0  # two programs, not one
     assert (np.abs(forward - slopes.pulled) <= 1e-9 * size).all()
+
+
+def test_a_motion_is_the_same_whether_or_not_its_slopes_are_asked_for():
+    model = build(fourbar())
+    plant = eqx.filter_jit(system)(model)
+    reference = drawn_pose(model, plant)
+    motions = free_motions(plant, reference)
+
+    def turned(rate):
+        return rollout(plant, start(plant, reference, motions, jnp.zeros(1), rate), STEP_S, STEPS).q
+
+    rate = jnp.array([80.0])
+    plain, (seen, _) = jax.jit(turned)(rate), jax.jit(lambda x: jax.jvp(turned, (x,), (x,)))(rate)
+    assert np.ptp(plain, axis=0).max() > 2 * np.pi  # whole turns count
+    np.testing.assert_allclose(seen, plain, rtol=0, atol=1e-9)
