@@ -72,7 +72,7 @@ def make_report(
     fitted_gap = _fit_remainder(subject, baseline, best, scale)
     return GapReport(
         verdict=verdict,
-        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported)),
+        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported), unknown),
         where=Where(
             locations=locations(weighed, model_free) if verdict != "none" else [],
             phases=missing.phases() if missing and verdict != "none" else [],
@@ -175,7 +175,9 @@ def _detectable(subject: Subject, about: Screen, scale: float) -> list[Detectabl
     return found
 
 
-def _sentence(verdict: Verdict, causes: Sequence[CauseSet], places: Sequence[Location], shrunk, reported: int) -> str:
+def _sentence(
+    verdict: Verdict, causes: Sequence[CauseSet], places: Sequence[Location], shrunk, reported: int, unknown: float
+) -> str:
     if verdict == "none":
         return "The drawing explains the measurements to within their noise: these data show no gap."
     named = " and ".join(_named(e) for e in causes[0].effects) if causes else ""
@@ -183,7 +185,9 @@ def _sentence(verdict: Verdict, causes: Sequence[CauseSet], places: Sequence[Loc
     if shrunk is not None and shrunk.explained is not None:
         share = f" It explains {100 * shrunk.explained:.1f}% of the gap on experiments it was not fitted to."
     if verdict == "identified":
-        return f"The gap is {named}.{share}"
+        several = len(causes[0].effects) > 1
+        doubt = f" (or, {100 * unknown:.0f}%, one thing outside the library that does what they do)" if several else ""
+        return f"The gap is {named}{doubt}.{share}"
     if verdict == "ambiguous":
         others = f"one of {reported - 1} other explanation(s)" if reported > 1 else "something that the library lacks"
         return f"The gap is {named}, or {others}; these data cannot tell which.{share}"

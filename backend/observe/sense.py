@@ -44,13 +44,9 @@ def check_marks(bed: Bed, view: AbstractView, size_px: tuple[int, int]) -> None:
         if agree([other for other in every if other is not mark]):
             told = f"Without {mark.id} the others agree: check its metres, or leave it out."
     for a, b in combinations(range(len(every)), 2):
-        p, q = every[a], every[b]
-        at = {
-            a: p.model_copy(update={"x_m": q.x_m, "y_m": q.y_m}),
-            b: q.model_copy(update={"x_m": p.x_m, "y_m": p.y_m}),
-        }
+        at = {a: _moved(every[a], every[b]), b: _moved(every[b], every[a])}
         if agree([at.get(k, mark) for k, mark in enumerate(every)]):
-            told = f"With the places of {p.id} and {q.id} swapped they agree."
+            told = f"With the places of {every[a].id} and {every[b].id} swapped they agree."
     worst = bed.marks[int(off.argmax())].id
     raise TrackingError(
         f"The bed marks contradict each other: {worst} is seen {off.max():.0f} px from where the others put it. {told}"
