@@ -33,7 +33,7 @@ RIGS = (
     "ibm_double_pendulum/study_uniform_bars",
     "dfki_double_pendulum/study",
 )
-MOST = 5  # causes
+MOST, FAINT = 5, 0.01  # causes that are shown, and a probability that no bar shows
 
 
 def picture(study: Study, found: Diagnosis, path: Path) -> None:
@@ -53,7 +53,8 @@ def picture(study: Study, found: Diagnosis, path: Path) -> None:
     force.set(xlabel="time since release, s", ylabel=evidence.missing_unit)
     force.set_title(f"missing at {evidence.missing_at}, {evidence.missing[0].experiment}" if evidence.missing else "")
     report = evidence.report
-    bars = [(cause_name(c), c.probability) for c in report.causes[:MOST]] + [("unknown", report.probability_unknown)]
+    shown = [c for c in report.causes[:MOST] if c is report.causes[0] or c.probability > FAINT]
+    bars = [(cause_name(c), c.probability) for c in shown] + [("unknown", report.probability_unknown)]
     names = ["\n".join(textwrap.wrap(name, 38)) for name, _ in bars]
     causes.barh(names[::-1], [p for _, p in bars][::-1], color=["0.6"] + ["tab:blue"] * (len(bars) - 1))
     causes.set(xlim=(0, 1), xlabel="probability", title=report.verdict)
