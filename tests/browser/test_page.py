@@ -216,16 +216,18 @@ def test_what_is_wrong_with_a_drawing_is_said_with_its_remedy(visit, tmp_path):
         assert "To your mechanisms" in page.locator("#content").inner_text()
 
 
-def test_a_clip_is_marked_by_clicks_tracked_and_becomes_a_study(visit, tmp_path):
-    marks = film_pendulum(tmp_path / "swing.mp4")
-    page = visit()
+def bring_clip(page, clip: Path) -> None:
+    """Open the sample's drawing and drop a clip of the real one."""
     page.set_input_files("input[type=file]", SAMPLE / "mechanism.json")
     page.wait_for_url("**/mechanisms/*")
     page.get_by_role("link", name="Measure the real one").click()
     page.wait_for_selector(".drop")
-    page.set_input_files("input[type=file]", tmp_path / "swing.mp4")
+    page.set_input_files("input[type=file]", clip)
     page.wait_for_selector(".pointing[data-ready]")
-    assert page.get_by_role("button", name="Track the dots").is_disabled()
+
+
+def point_at_marks(page, marks: list[dict]) -> None:
+    """Type where every other mark of the bed is, and click on it."""
     box = page.locator(".pointing-view canvas").bounding_box()
     scale = min(box["width"] / 640, box["height"] / 360)
     left, top = box["x"] + (box["width"] - 640 * scale) / 2, box["y"] + (box["height"] - 360 * scale) / 2
@@ -237,6 +239,14 @@ def test_a_clip_is_marked_by_clicks_tracked_and_becomes_a_study(visit, tmp_path)
         x_px, y_px = (float(number) for number in placed.inner_text().removesuffix(" px").split(","))
         assert abs(x_px - mark["x_px"]) < 1.0  # a click falls on a whole pixel of the screen
         assert abs(y_px - mark["y_px"]) < 1.0
+
+
+def test_a_clip_is_marked_by_clicks_tracked_and_becomes_a_study(visit, tmp_path):
+    marks = film_pendulum(tmp_path / "swing.mp4")
+    page = visit()
+    bring_clip(page, tmp_path / "swing.mp4")
+    assert page.get_by_role("button", name="Track the dots").is_disabled()
+    point_at_marks(page, marks)
     page.get_by_role("button", name="Track the dots").click()
     page.wait_for_selector(".film[data-ready]")
     page.get_by_role("link", name="Make a study of the runs").click()
