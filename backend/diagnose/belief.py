@@ -20,7 +20,8 @@ ODDS = float(np.log(20.0))
 IMITATED = (0.2, 0.4)
 """Chance that a member of a set only helps the others do what one thing outside the library does: where it acts apart
 from them, and where it acts on the same part. Of sealed and development studies answered with a pair of more than 0.8,
-before this was weighed, all four whose members act on one part did so, and one of seven whose members act apart.
+before this was weighed, all four whose members act on one part did so, and one of seven whose members act apart; of
+two more on one part, answered since, neither.
 """
 
 

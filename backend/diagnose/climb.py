@@ -34,8 +34,8 @@ IN_REACH = 0.3  # of what is left: less than the whole library could take is not
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
-MOST = 0.5  # and this share where the law of blows would excuse it
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
+MOST = 0.5  # and this share where the law of blows would excuse what was left
 
 
 @dataclass

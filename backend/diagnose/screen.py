@@ -68,7 +68,7 @@ class Screen:
             return None
         return {p.name: float(p.start + d) for p, d in zip(candidate.parameters, step, strict=True)}
 
-    def imitation(self, candidate: Candidate, done: Float[np.ndarray, " n"]) -> tuple[float, dict[str, float]]:
+    def nearest(self, candidate: Candidate, done: Float[np.ndarray, " n"]) -> tuple[float, dict[str, float]]:
         """How far [squared sd] the candidate stays from what another did, at values within its prior, by name."""
         S = self.signature(candidate)
         H, b = S.T @ S + np.diag(candidate.prior_sd**-2.0), S.T @ done

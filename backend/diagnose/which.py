@@ -273,7 +273,7 @@ class Search:
                 names = tuple(sorted([other.name, *(c.name for c in rest)]))
                 if names in self.tried or any(c.kind == other.kind and set(c.on) & set(other.on) for c in rest):
                     continue
-                apart, values = about.rescaled(scale).imitation(other, done)
+                apart, values = about.rescaled(scale).nearest(other, done)
                 if apart < APART:
                     found.append((apart - 2.0 * other.log_odds, self.subject.choose(*rest, other), values))
         made = []
