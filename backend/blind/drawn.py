@@ -183,6 +183,9 @@ def _add_to_joint(joint: DrawnJoint, effect: Mapping[str, Any], held: dict, driv
         case "clearance":
             joint.play = play(joint, effect)
         case "joint_stop":
+            if more := sorted(set(given) - {"lower", "upper"}):
+                told = f'effect "{effect["id"]}": stops are rigid here and keep nothing of a blow'
+                raise ValueError(f"{told}; remove {', '.join(more)}")
             joint.lower = max(joint.lower, float(given.get("lower", -np.inf)))
             joint.upper = min(joint.upper, float(given.get("upper", np.inf)))
         case "effort_offset":

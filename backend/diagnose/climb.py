@@ -35,6 +35,7 @@ WORTH = 5.0  # log evidence that another effect must bring at least; more where 
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
+NOTHING = 1e-12  # power, in noise variances a sample
 MOST = 0.5  # and this share where the law of blows would excuse what was left
 
 
@@ -135,11 +136,9 @@ class Climb:
                 self.search.tried[cause.names] = cause
                 if self._likelier(cause, best):
                     best, last = self._judged(cause, search)
-            if search.tried.get(best.names) is best and (closer := search.closer(best)) is not best:
-                self.search.tried[closer.names] = closer
-                best, last = self._judged(closer, search)
+            best, last = self._closer(best, last, search)
             if search.tried.get(best.names) is best:
-                best, last = self._joined(best, last, search)
+                best, last = self._closer(*self._joined(best, last, search), search)
             elif self._settled(best, last):
                 break
             elif alone is not None and len(best.candidates) <= SURE:
@@ -148,10 +147,17 @@ class Climb:
                     cause, judged = self._judged(cause, search)
                     larger = len(cause.candidates) > len(best.candidates)
                     if self._better(cause, best, judged, last) if larger else self._likelier(cause, best):
-                        best, last = cause, judged
+                        best, last = self._closer(cause, judged, search)
             if self._settled(best, last):
                 break
         return best, last
+
+    def _closer(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
+        """The best set with walls as they come, where it is of this family and that makes it likelier."""
+        if search.tried.get(best.names) is not best or (closer := search.closer(best)) is best:
+            return best, last
+        self.search.tried[closer.names] = closer
+        return self._judged(closer, search)
 
     def _joined(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
         """A cause that switches on, with a smooth one beside it where that earns its place. Where the law of blows
@@ -162,7 +168,9 @@ class Climb:
             return best, last
         for cause in search.level([best], PARTNERS)[:1]:
             cause, judged = self._judged(cause, search)
-            if self._better(cause, best, judged, last) and (not excused or judged.power < MOST * last.power):
+            if self._better(cause, best, judged, last) and (
+                not excused or judged.power < MOST * max(last.power, NOTHING)
+            ):
                 self.search.tried[cause.names] = cause
                 return cause, judged
         return best, last
@@ -309,7 +317,7 @@ class Climb:
         width = self.scale / weight
         gain = log_evidence(scaled(top.fitted, width)) - log_evidence(scaled(best.fitted, width))
         asked = max(WORTH, np.log(len(self.search.subject.library.candidates)) + 2.0)
-        return gain > asked and judged.power < SAME_POWER * max(found.power, 1e-12)
+        return gain > asked and judged.power < SAME_POWER * max(found.power, NOTHING)
 
     def _little(self, top: Cause, judged: Adequacy, depth: int) -> bool:
         """Too little is left to bear one more effect: it would be a wrong form's remainder that gets a name."""

@@ -61,8 +61,8 @@ class Candidate:
     partial: bool = False
     """Whether it frees one number of several that are absent each by itself, as the ends of a joint's travel are."""
     closer: tuple[Candidate, ...] = ()
-    """The same, with what nobody states of it free as well: how the walls of a hole give, give back and rub. One for
-    each size to begin from."""
+    """The same, with what nobody states of it free as well: how walls and ends of travel give, give back and rub. One
+    for each size to begin from."""
 
     share: float = 1.0
     """Of its kind's likelihood, beside an equal part for every candidate: each kind is as likely as the next, wherever
@@ -71,7 +71,7 @@ class Candidate:
     @property
     def name(self) -> str:
         """`kind:place`, or `kind:all` for a shared one."""
-        part = "".join(f".{p.parameter}" for p in self.parameters if self.partial)
+        part = f".{self.parameters[0].parameter}" if self.partial else ""
         place = self.on[0] if len(self.on) == 1 else "all"
         return f"{self.kind}:{place}{part}"
 

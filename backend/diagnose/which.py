@@ -342,14 +342,17 @@ class Search:
         return sorted(made, key=lambda c: -c.log_z)
 
     def closer(self, cause: Cause) -> Cause:
-        """A single cause with what nobody states of it free as well, where that makes it likelier."""
-        ways = [c for c in cause.candidates[0].closer if len(cause.candidates) == 1]
+        """A cause with what nobody states of one of its members free as well, where that makes it likelier."""
+        ways = [
+            tuple(way if c is member else c for c in cause.candidates)
+            for member in cause.candidates for way in member.closer
+        ]  # fmt: skip
         if not ways or self.cancelled():
             return cause
-        self.tell(f"trying {cause.names[0]} with walls that give, give back and rub")
+        self.tell(f"trying {' + '.join(cause.names)} with walls that give, give back and rub")
         first = [
             fit(self.subject, choice, start=_from(cause.fitted, choice), fractions=GROWING[:1], max_iterations=4)
-            for choice in map(self.subject.choose, ways)
+            for choice in (self.subject.choose(*way) for way in ways)
         ]
         first = [f for f in first if np.isfinite(f.chi2)]
         if not first:

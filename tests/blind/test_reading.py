@@ -117,6 +117,12 @@ def test_an_effect_that_a_peer_cannot_imitate_is_named(linkages, simulate):
         simulate(linkages.pendulum(effects=[bend]), 0.1, 1e-3)
 
 
+def test_a_stop_that_gives_is_refused_rather_than_taken_for_a_rigid_one(linkages, simulate):
+    stop = linkages.effect("stop", "joint_stop", ["j"], upper=0.3, restitution=0.5)
+    with pytest.raises(ValueError, match=r'"stop": stops are rigid here.*remove restitution'):
+        simulate(linkages.pendulum(effects=[stop]), 0.1, 1e-3)
+
+
 def test_a_joint_that_a_peer_cannot_imitate_is_named(linkages, simulate):
     document = linkages.pendulum()
     document["joints"][0]["type"] = "screw"
