@@ -167,7 +167,7 @@ def weights(system: System, bodies: kinematics.Bodies) -> Float[Array, "slots 6"
     only = tuple(group for group in system.forces if isinstance(group.effect, Gravity))
     none = jnp.zeros((system.topology.slots, 6))
     bare = dataclasses.replace(system, forces=only)
-    return forces.body_forces(bare, bodies, none) - forces.strut_pull(system, bodies)
+    return forces.body_forces(bare, bodies, none) - forces.strut_pull(system, forces.strut_lines(system, bodies))
 
 
 def _contacts(system: System, raw: _Raw, length: float) -> Contacts:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from backend.frames.quaternion import tangent_map
-from backend.joints.joint import TURN
+from backend.joints.joint import SLIDE, TURN
 from backend.model.incidence import picked
 from backend.model.state import Pose
 from backend.model.system import STICK_RATE, System
@@ -74,7 +74,7 @@ class Frame(NamedTuple):
     bodies: kinematics.Bodies
     jacobian: Float[Array, "joints 6 12"]
     offset: Float[Array, "joints"]
-    """Value of each coordinate's row at q_k."""
+    """Value at q_k of the row along which a joint slides."""
     strut_slope: Float[Array, "struts 12"]
     given: BodyRows
     """Momentum brought in, and impulse of the forces."""
@@ -128,9 +128,9 @@ def frame(
     friction's limit and direction are those of q_k: a convex problem is left.
     """
     bodies, rows = motion.bodies, motion.rows
-    _, strut_slope = forces.strut_lines(system, bodies)
+    lines = forces.strut_lines(system, bodies)
     weight = 0.5 * (motion.before_s + step_s)
-    force = forces.body_forces(system, bodies, motion.velocity)
+    force = forces.body_forces(system, bodies, motion.velocity, lines)
     drive = Drive(
         step_s,
         weight,
@@ -148,8 +148,8 @@ def frame(
         motion.pose,
         bodies,
         rows.jacobian,
-        law.displacement(system, rows.value),
-        strut_slope,
+        _offset(system, rows.value),
+        lines.slope,
         motion.momentum + weight * force,
         motion.velocity,
         motion.lengthening,
@@ -158,6 +158,12 @@ def frame(
             system, bodies, motion.parting, motion.impulses.touches.normal, step_s, weight, most.touches, blur
         ),
     )
+
+
+def _offset(system: System, value: Float[Array, "joints 6"]) -> Float[Array, "joints"]:
+    """What a joint slid by now; where none slides, there is nothing to differentiate."""
+    slides = system.coordinate_rows[:, SLIDE]
+    return jnp.where(slides, value[:, SLIDE], 0.0) if slides.any() else jnp.zeros(len(slides))
 
 
 def refreshed(system: System, motion: Motion) -> Motion:

@@ -1,5 +1,7 @@
 """Impulses of the effects on bodies and joints during one step."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +16,13 @@ from backend.simulate.momentum import BodyRows
 from backend.simulate.small import apply, apply_transposed, dot
 
 TINY_M = 1e-9  # keeps the direction of a strut of no length finite
+
+
+class Lines(NamedTuple):
+    """Length of every strut [m], and its slope with respect to (Δx, turn) of its first, then second body."""
+
+    length: Float[Array, "struts"]
+    slope: Float[Array, "struts 12"]
 
 
 def views(system: System, placed: Bodies, velocity: BodyRows, which: np.ndarray) -> BodyView:
@@ -33,9 +42,12 @@ def views(system: System, placed: Bodies, velocity: BodyRows, which: np.ndarray)
     )
 
 
-def body_forces(system: System, placed: Bodies, velocity: BodyRows) -> BodyRows:
-    """Forces that depend on where bodies are (weight, drives, springs), about the centre of mass [N, N m]."""
-    total = strut_pull(system, placed)
+def body_forces(system: System, placed: Bodies, velocity: BodyRows, lines: Lines | None = None) -> BodyRows:
+    """Forces that depend on where bodies are (weight, drives, springs), about the centre of mass [N, N m].
+
+    lines: those of the struts, where they are known.
+    """
+    total = strut_pull(system, lines or strut_lines(system, placed))
     for group in system.forces:
         a, b = _both(group, system)
         wrenches = jax.vmap(lambda e, va, vb: e.wrench(va, vb))(
@@ -86,8 +98,8 @@ def dry_limits(system: System, rate: Float[Array, "joints"]) -> Float[Array, "jo
     return total
 
 
-def strut_lines(system: System, placed: Bodies) -> tuple[Float[Array, "struts"], Float[Array, "struts 12"]]:
-    """Length of every strut, and its slope with respect to (Δx, turn) of its first, then second body."""
+def strut_lines(system: System, placed: Bodies) -> Lines:
+    """Length and slope of every strut."""
     ends = np.array(system.topology.struts, dtype=int).reshape(-1, 2)
     a, b = ends[:, 0], ends[:, 1]
     R_WA, R_WB = picked(placed.rotation, a), picked(placed.rotation, b)
@@ -101,14 +113,14 @@ def strut_lines(system: System, placed: Bodies) -> tuple[Float[Array, "struts"],
     u_W = line / length[:, None]
     turn_a = jnp.cross(system.strut_a, apply_transposed(R_WA, u_W))
     turn_b = jnp.cross(system.strut_b, apply_transposed(R_WB, u_W))
-    return length, jnp.concatenate([-u_W, -turn_a, u_W, turn_b], -1)
+    return Lines(length, jnp.concatenate([-u_W, -turn_a, u_W, turn_b], -1))
 
 
-def strut_pull(system: System, placed: Bodies) -> BodyRows:
+def strut_pull(system: System, lines: Lines) -> BodyRows:
     """Elastic tension of every strut on its two bodies."""
     if not system.topology.struts:
         return jnp.zeros((system.topology.slots, 6))
-    length, slope = strut_lines(system, placed)
+    length, slope = lines
     return collect(system.topology.strut_sides, -strut_tension(system, length)[:, None] * slope)
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from backend.frames import quaternion
@@ -14,10 +15,9 @@ from backend.model.incidence import picked
 from backend.model.state import Pose
 from backend.model.system import System
 from backend.simulate.kernel import call as kernel
+from backend.simulate.kernel.call import Joints
 from backend.simulate.slopes import along
 from backend.simulate.small import apply, apply_transposed, dot
-
-Pairs = tuple[tuple[int, int], ...]
 
 
 class Bodies(NamedTuple):
@@ -46,11 +46,8 @@ def bodies(system: System, pose: Pose) -> Bodies:
 
 def rows(system: System, placed: Bodies) -> Rows:
     """All six rows of every joint at these poses, held or not."""
-    drawn = Drawn(system.axes_a, system.axes_b, system.point_a, system.point_b)
-    pairs, free_turn = system.topology.joints, tuple(system.coordinate_rows[:, TURN].tolist())
-    if pairs and kernel.available():
-        return _compiled(pairs, free_turn, placed, drawn)
-    return _rows(pairs, free_turn, placed, drawn)
+    rows_of = _compiled if system.topology.joints and kernel.available() else _rows
+    return rows_of(_joints(system), placed, _drawn(system))
 
 
 class Drawn(NamedTuple):
@@ -62,21 +59,41 @@ class Drawn(NamedTuple):
     point_b: Float[Array, "joints 3"]
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _compiled(pairs: Pairs, free_turn: tuple[bool, ...], placed: Bodies, drawn: Drawn) -> Rows:
-    return Rows(*kernel.joint_rows(pairs, free_turn, *placed, *drawn))
+def _joints(system: System) -> Joints:
+    turns, slides = (tuple(system.coordinate_rows[:, row].tolist()) for row in (TURN, SLIDE))
+    return Joints(system.topology.joints, turns, slides)
 
 
-def _compiled_jvp(pairs: Pairs, free_turn: tuple[bool, ...], primals: tuple, tangents: tuple) -> tuple[Rows, Rows]:
-    _, change = along(functools.partial(_rows, pairs, free_turn), primals, tangents)
-    return _compiled(pairs, free_turn, *primals), change
+def _drawn(system: System) -> Drawn:
+    return Drawn(system.axes_a, system.axes_b, system.point_a, system.point_b)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _compiled(joints: Joints, placed: Bodies, drawn: Drawn) -> Rows:
+    return Rows(*kernel.joint_rows(joints, *placed, *drawn))
+
+
+def _compiled_jvp(joints: Joints, primals: tuple, tangents: tuple) -> tuple[Rows, Rows]:
+    # Of the Jacobian's own change only walls and friction that falls with the rate ever ask.
+    _, change = along(functools.partial(_rows, joints), primals, tangents)
+    value = _compiled_slopes(kernel.VALUE, joints, primals, tangents)
+    return _compiled(joints, *primals), Rows(value, change.jacobian)
 
 
 _compiled.defjvp(_compiled_jvp, symbolic_zeros=True)
 
 
-def _rows(pairs: Pairs, free_turn: tuple[bool, ...], placed: Bodies, drawn: Drawn) -> Rows:
-    a, b = np.array(pairs, dtype=int).reshape(-1, 2).T
+def _compiled_slopes(measure: int, joints: Joints, primals: tuple, tangents: tuple) -> Float[Array, "joints measure"]:
+    """What joints measure, along the tangents that are no symbolic zeros."""
+    operands, tree = jax.tree.flatten(primals)
+    changes = enumerate(tree.flatten_up_to(tangents))
+    moving = {i: change for i, change in changes if not isinstance(change, SymbolicZero)}
+    return kernel.joint_slopes(measure, joints, tuple(operands), moving)
+
+
+def _rows(joints: Joints, placed: Bodies, drawn: Drawn) -> Rows:
+    a, b = np.array(joints.pairs, dtype=int).reshape(-1, 2).T
+    free_turn = joints.turns
     F_A, F_B, r_A, r_B = drawn
     R_WA, R_WB = picked(placed.rotation, a), picked(placed.rotation, b)
     axes_W = _product(R_WA, F_A)
@@ -118,31 +135,33 @@ def pulled(
     system: System, placed: Bodies, jacobian: Float[Array, "joints 6 12"], impulses: Float[Array, "joints 6"]
 ) -> Float[Array, "joints 12"]:
     """Jᵀ λ of every joint on its two bodies.  J is known; the slope is that of the product, not of all of J."""
-    drawn = Drawn(system.axes_a, system.axes_b, system.point_a, system.point_b)
-    free_turn = tuple(system.coordinate_rows[:, TURN].tolist())
-    return _pulled(system.topology.joints, free_turn, jacobian, placed, drawn, impulses)
+    return _pulled(_joints(system), jacobian, placed, _drawn(system), impulses)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _pulled(
-    pairs: Pairs, free_turn: tuple[bool, ...], jacobian: Array, placed: Bodies, drawn: Drawn, impulses: Array
+    joints: Joints, jacobian: Array, placed: Bodies, drawn: Drawn, impulses: Array
 ) -> Float[Array, "joints 12"]:
     return apply_transposed(jacobian, impulses)
 
 
-def _pulled_jvp(pairs: Pairs, free_turn: tuple[bool, ...], primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-    _, change = along(functools.partial(_wrenches, pairs, free_turn), primals[1:], tangents[1:])
-    return _pulled(pairs, free_turn, *primals), change
+def _pulled_jvp(joints: Joints, primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+    if joints.pairs and kernel.available():
+        change = _compiled_slopes(kernel.WRENCH, joints, primals[1:], tangents[1:])
+    else:
+        _, change = along(functools.partial(_wrenches, joints), primals[1:], tangents[1:])
+    return _pulled(joints, *primals), change
 
 
 _pulled.defjvp(_pulled_jvp, symbolic_zeros=True)
 
 
 def _wrenches(
-    pairs: Pairs, free_turn: tuple[bool, ...], placed: Bodies, drawn: Drawn, impulses: Float[Array, "joints 6"]
+    joints: Joints, placed: Bodies, drawn: Drawn, impulses: Float[Array, "joints 6"]
 ) -> Float[Array, "joints 12"]:
     """Impulses along the rows as impulse (in W) and turning impulse (in body axes) on body A, then on body B."""
-    a, b = np.array(pairs, dtype=int).reshape(-1, 2).T
+    a, b = np.array(joints.pairs, dtype=int).reshape(-1, 2).T
+    free_turn = joints.turns
     F_A, F_B, _, r_B = drawn
     R_WA, R_WB = picked(placed.rotation, a), picked(placed.rotation, b)
     turn = jnp.where(np.array(free_turn), 0.0, impulses[:, 5])
@@ -179,20 +198,39 @@ def ease(system: System, rows: Float[Array, "n k 12"], pairs: np.ndarray) -> Flo
 
 def coordinates(system: System, placed: Bodies) -> Float[Array, "joints"]:
     """q of every joint: turn in (-π, π] or travel; 0 where a joint has none."""
-    a, b = system.pairs.T
+    return _coordinates(_joints(system), placed, _drawn(system))
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _coordinates(joints: Joints, placed: Bodies, drawn: Drawn) -> Float[Array, "joints"]:
+    return _turns_and_travels(joints, placed, drawn)
+
+
+def _coordinates_jvp(joints: Joints, primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+    if joints.pairs and kernel.available():
+        change = _compiled_slopes(kernel.COORDINATE, joints, primals, tangents)[:, 0]
+    else:
+        _, change = along(functools.partial(_turns_and_travels, joints), primals, tangents)
+    return _coordinates(joints, *primals), change
+
+
+_coordinates.defjvp(_coordinates_jvp, symbolic_zeros=True)
+
+
+def _turns_and_travels(joints: Joints, placed: Bodies, drawn: Drawn) -> Float[Array, "joints"]:
+    a, b = np.array(joints.pairs, dtype=int).reshape(-1, 2).T
     R_WA, R_WB = picked(placed.rotation, a), picked(placed.rotation, b)
-    axes_A, axes_B = _product(R_WA, system.axes_a), _product(R_WB, system.axes_b)
+    axes_A, axes_B = _product(R_WA, drawn.axes_a), _product(R_WB, drawn.axes_b)
     x_B = axes_B[:, :, 0]
     turn = jnp.arctan2(dot(axes_A[:, :, 1], x_B), dot(axes_A[:, :, 0], x_B))
     p_W = (
         picked(placed.position, b)
-        + apply(R_WB, system.point_b)
+        + apply(R_WB, drawn.point_b)
         - picked(placed.position, a)
-        - apply(R_WA, system.point_a)
+        - apply(R_WA, drawn.point_a)
     )
     travel = dot(axes_A[:, :, 2], p_W)
-    which = system.coordinate_rows
-    return jnp.where(which[:, TURN], turn, 0.0) + jnp.where(which[:, SLIDE], travel, 0.0)
+    return jnp.where(np.array(joints.turns), turn, 0.0) + jnp.where(np.array(joints.slides), travel, 0.0)
 
 
 def coordinates_near(system: System, placed: Bodies, near: Float[Array, "joints"]) -> Float[Array, "joints"]:

@@ -158,6 +158,8 @@ def walls_respond(system: System, at: Slope, own: Push, dy: Float[Array, "joints
 def at_walls(system: System, y: Float[Array, "joints 6"]) -> Float[Array, "walls 3"]:
     """Contact coordinates η = P y."""
     contacts = system.contacts
+    if not contacts.count:
+        return jnp.zeros((0, 3))
     return jnp.sum(contacts.selection * picked(y, contacts.at)[:, None, :], -1)
 
 

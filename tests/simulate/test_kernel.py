@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -190,6 +191,42 @@ def test_either_way_gives_the_rows_of_joints_and_their_change(draw, kernel, monk
     agree(on, off, WELL)
 
 
+@pytest.mark.parametrize("draw", [fourbar, slider_crank, lambda: scissor(3)])
+def test_either_way_what_joints_measure_changes_the_same_forwards_and_backwards(draw, kernel, monkeypatch):
+    plant, random = system(build(draw())), np.random.default_rng(5)
+    count, joints = plant.topology.slots + len(plant.fixed_position), len(plant.topology.joints)
+    drawn = {"axes_a": (joints, 3, 3), "axes_b": (joints, 3, 3), "point_a": (joints, 3), "point_b": (joints, 3)}
+    shapes = [(count, 3), (count, 4), *drawn.values(), (joints, 6)]
+
+    def measures(position, attitude, *others):
+        *frames, impulses = others
+        made = eqx.tree_at(lambda s: [getattr(s, name) for name in drawn], plant, frames)
+        placed = kinematics.Bodies(position, quaternion.rotation(attitude))
+        jacobian = jax.lax.stop_gradient(kinematics.rows(made, placed).jacobian)
+        return (
+            kinematics.rows(made, placed).value,
+            kinematics.pulled(made, placed, jacobian, impulses),
+            kinematics.coordinates(made, placed),
+        )
+
+    def slopes(at, by, worth):
+        """Forwards; backwards, sample by sample; and backwards through a batch whose samples share what was drawn."""
+        each = jax.vmap(lambda at, by: jax.jvp(measures, at, by))(at, by)
+        alone = jax.vmap(lambda at, worth: jax.vjp(measures, *at)[1](worth))(at, worth)
+        shared = [x[0] for x in at[2:]]
+        together = jax.vjp(jax.vmap(measures, (0, 0, *[None] * 5)), *at[:2], *shared)[1](worth)
+        still = jax.vjp(lambda x: measures(x, *(x[0] for x in at[1:])), at[0][0])[1](tuple(x[0] for x in worth))
+        return each, alone, together, still
+
+    def drawn_anew(shapes):
+        return tuple(jnp.asarray(random.normal(size=(4, *shape))) for shape in shapes)
+
+    worth = drawn_anew([(joints, 6), (joints, 12), (joints,)])
+    given = drawn_anew(shapes), drawn_anew(shapes), worth
+    on, off = (run(s, monkeypatch, slopes, *given, target=call.SLOPES_BACK) for s in ("on", "off"))
+    agree(on, off, WELL)
+
+
 def position(model, damping):
     """Positions over 0.2 s from rest."""
     plant = system(model.with_parameters({("v", "damping_n_m_s_per_rad"): damping}), 1e-12)
@@ -222,6 +259,15 @@ def test_a_scissor_and_its_derivatives_move_the_same_either_way(kernel, monkeypa
 
 
 def test_second_derivatives_are_refused_with_a_remedy(kernel, monkeypatch):
+    plant = system(build(fourbar()))
+    pose = drawn_pose(build(fourbar()), plant)
+
+    def turn(x):
+        placed = kinematics.bodies(plant, eqx.tree_at(lambda p: p.position, pose, pose.position + x))
+        return kinematics.rows(plant, placed).value.sum() ** 2
+
+    with pytest.raises(NotImplementedError, match="LINKTWIN_KERNEL=off"):
+        run("on", monkeypatch, lambda x: jax.jvp(jax.grad(turn), (x,), (x,)), jnp.ones(3), target=call.SLOPES)
     topology = TOPOLOGIES["chain"]
     blocks, rhs = matrix(topology)
     with pytest.raises(NotImplementedError, match="LINKTWIN_KERNEL=off"):

@@ -3,6 +3,7 @@
 import ctypes
 import functools
 import os
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,11 +12,18 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from backend.simulate.kernel.build import library
+from backend.simulate.kernel.linear import FIRST_ONLY, SWITCH, linear
 
-SWITCH = "LINKTWIN_KERNEL"
 FACTOR, SOLVE = "linktwin_block_tridiagonal_factor", "linktwin_block_tridiagonal_solve"
 ROWS = "linktwin_joint_rows"
-TARGETS = {FACTOR: "BlockTridiagonalFactor", SOLVE: "BlockTridiagonalSolve", ROWS: "JointRows"}
+SLOPES, SLOPES_BACK = "linktwin_joint_slopes", "linktwin_joint_slopes_transposed"
+TARGETS = {
+    FACTOR: "BlockTridiagonalFactor",
+    SOLVE: "BlockTridiagonalSolve",
+    ROWS: "JointRows",
+    SLOPES: "JointSlopes",
+    SLOPES_BACK: "JointSlopesTransposed",
+}
 """Names for JAX, and of the functions in the library."""
 
 
@@ -61,10 +69,7 @@ def factor(
 
 @factor.defjvp
 def _factor_jvp(levels: int, width: int, links: tuple, primals: tuple, tangents: tuple) -> tuple:
-    raise NotImplementedError(
-        "The compiled kernel gives first derivatives only (the matrix of a step is taken as it is). "
-        f"Set {SWITCH}=off before Python starts for second derivatives."
-    )
+    raise NotImplementedError(FIRST_ONLY)
 
 
 def solve(
@@ -91,9 +96,22 @@ def solve(
     return lax.custom_linear_solve(times, rhs, lambda _, b: solve_it(b), lambda _, b: solve_transposed(b))
 
 
+class Joints(NamedTuple):
+    """What is known of all joints when a program is compiled."""
+
+    pairs: tuple[tuple[int, int], ...]
+    """Bodies A and B, fixed ones last."""
+    turns: tuple[bool, ...]
+    """Whether the coordinate is a turn about the pin."""
+    slides: tuple[bool, ...]
+
+
+VALUE, WRENCH, COORDINATE = 6, 12, 1
+"""What joints measure, by its count of numbers: the rows, Jᵀ λ on both bodies, q."""
+
+
 def joint_rows(
-    pairs: tuple[tuple[int, int], ...],
-    turns_freely: tuple[bool, ...],
+    joints: Joints,
     position: Float[Array, "bodies 3"],
     rotation: Float[Array, "bodies 3 3"],
     axes_a: Float[Array, "joints 3 3"],
@@ -102,9 +120,33 @@ def joint_rows(
     point_b: Float[Array, "joints 3"],
 ) -> tuple[Float[Array, "joints 6"], Float[Array, "joints 6 12"]]:
     """Values and Jacobian of all joints' rows, without derivatives."""
-    count = len(pairs)
+    count = len(joints.pairs)
     shapes = jax.ShapeDtypeStruct((count, 6), jnp.float64), jax.ShapeDtypeStruct((count, 6, 12), jnp.float64)
     call = jax.ffi.ffi_call(ROWS, shapes, vmap_method="expand_dims")
-    bodies, free = np.array(pairs, dtype=np.int32).ravel(), np.array(turns_freely, dtype=np.int32)
+    bodies, free = np.array(joints.pairs, dtype=np.int32).ravel(), np.array(joints.turns, dtype=np.int32)
     made = call(position, rotation, axes_a, axes_b, point_a, point_b, bodies=bodies, turns_freely=free)
     return made[0], made[1]
+
+
+def joint_slopes(
+    measure: int, joints: Joints, operands: tuple[Array, ...], changes: dict[int, Array]
+) -> Float[Array, "joints measure"]:
+    """What joints measure, along changes of some operands, which are numbered.
+
+    operands: as of `joint_rows`, position first; for the wrench also the impulses (joints 6).
+    """
+    count, varied = len(joints.pairs), tuple(changes)
+    attributes = {
+        "bodies": np.array(joints.pairs, dtype=np.int32).ravel(),
+        "does": np.array(joints.turns, dtype=np.int32) + 2 * np.array(joints.slides, dtype=np.int32),
+        "varied": np.array(varied, dtype=np.int32),
+    }
+    measured = (jax.ShapeDtypeStruct((count, measure), jnp.float64),)
+    sent = tuple(jax.ShapeDtypeStruct(operands[i].shape, jnp.float64) for i in varied)
+
+    def by(target: str, shapes: tuple, operands: tuple[Array, ...], given: tuple[Array, ...]) -> tuple[Array, ...]:
+        call = jax.ffi.ffi_call(target, shapes, vmap_method="expand_dims")
+        return tuple(call(*operands, *given, **attributes))
+
+    along, back = functools.partial(by, SLOPES, measured), functools.partial(by, SLOPES_BACK, sent)
+    return linear(along, back, operands, tuple(changes.values()))[0]
