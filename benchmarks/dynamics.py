@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from backend.mechanism.effect import Effect
 from backend.model.build import build
@@ -22,7 +23,7 @@ from backend.simulate.assemble import closed
 from backend.simulate.rollout import Trajectory, rollout
 from benchmarks.scissor import scissor
 
-STEP_S, STEPS = 1e-3, 200
+STEP_S, STEPS, STARTS = 1e-3, 200, 8
 
 
 def let_go(model: Model, tolerance: float = 1e-10) -> Trajectory:
@@ -109,6 +110,14 @@ def derivative_cost(cells: int) -> None:
         jax.block_until_ready(call(scaled))
         first = time.perf_counter() - begin
         print(f"  {name}: {median_s(call, scaled) / base:.2f} x a rollout (first call {first:.1f} s)")
+    slopes_of = jax.vmap(lambda x, v: jax.jvp(seen, (x,), (v,))[1], in_axes=(None, 0))
+    starts = scaled * jnp.exp(0.1 * jax.random.normal(jax.random.key(0), (STARTS, len(names))))
+    alone = STARTS * median_s(forward, starts[0])
+    for words, size in (("one after the other", None), ("by twos", 2), ("by fours", 4), ("at once", STARTS)):
+        together = jax.jit(
+            lambda all_, size=size: lax.map(lambda x: slopes_of(x, jnp.eye(len(names))), all_, batch_size=size)
+        )
+        print(f"  slopes of {STARTS} starts in one program, {words}: {median_s(together, starts) / alone:.2f} x apart")
     fine = jax.jit(lambda x: seen(x, 1e-12))
     slope, values = np.asarray(forward(scaled)), np.asarray(plain(scaled))
     gradient = 2 * np.tensordot(slope, values, axes=values.ndim)

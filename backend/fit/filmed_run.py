@@ -101,7 +101,7 @@ class FilmedRun(Run):
         z = own[self.unknowns :] if with_z else self.known
         p_W = value[plain:].reshape(-1, 3)
         p_W = p_W + np.outer(eye.toward * s.raised, eye.pose.plane.axes()[2])
-        by_motion = slope[plain:].reshape(len(p_W), 3, -1)
+        by_motion = slope[plain:].reshape(len(p_W), 3, slope.shape[1])
         out, by_point, by_z = (self._pixels if self.in_pixels else self._places)(p_W, value[plain:].reshape(-1, 3), z)
         by_motion = by_motion if by_point is None else by_point @ by_motion
         made, J = np.empty(self.data.time_s.size), np.zeros((self.data.time_s.size, slope.shape[1] + z.size))
@@ -109,6 +109,15 @@ class FilmedRun(Run):
         made[s.seen] = out[s.pair, s.axis]
         J[s.seen] = np.concatenate([by_motion[s.pair, s.axis], by_z[s.pair, s.axis]], 1)
         return made, J if with_z else J[:, : slope.shape[1]]
+
+    def handed_back(self, value: np.ndarray, own: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weights of what was asked of the rollout from those of what the data would say, and the camera's share."""
+        s, plain = self.sighting, self.sighting.plain.size
+        axes = np.concatenate([np.zeros((plain, 3)), np.tile(np.eye(3), (s.since_s.size, 1))])
+        along = weight[:, None] * self.reported(value, axes, own)[1]  # slopes along x, y, z of each sample's own dot
+        dots = np.zeros((s.since_s.size, 3))
+        np.add.at(dots, s.pair, along[s.seen, :3])
+        return np.concatenate([weight[s.plain], dots.ravel()]), along[:, 3:].sum(0)
 
     def _pixels(self, p_W: np.ndarray, _: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         s, eye = self.sighting, self.camera

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +24,7 @@ from backend.fit.identifiability import Profile, Uncertainty, assess, profile_in
 from backend.fit.loss import LossName
 from backend.fit.pace import Pace, Progress
 from backend.fit.prediction import addresses_of
+from backend.fit.price import Way, account
 from backend.fit.residual import Residuals
 from backend.fit.result import FitResult, Overlay, make_report, overlays_of
 from backend.fit.run import Run
@@ -54,6 +56,7 @@ def fit_study(
     sparse: bool = False,
     profiles: bool = True,
     max_iterations: int = 40,
+    derivatives: Way | None = None,
     checkpoint: Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
@@ -65,7 +68,8 @@ def fit_study(
     samples share their error. step_s: of the simulation, by default from the sampling and the mechanism's size.
     horizons: fractions of the records to fit first, because long swings have local minima. starts: further
     searches from scattered values. sparse: values of one kind, freed at three places or more, are one shared value
-    but for the places that stand out of the noise, which are named. profiles: likelihood intervals.
+    but for the places that stand out of the noise, which are named. profiles: likelihood intervals. derivatives: how
+    they are taken (see `price`), by default as costs least.
 
     checkpoint: a file that keeps the search after every accepted step and goes when the fit is done; resume: go on
     from it. progress(fraction, words); cancelled() ends the search early with `converged` false, and leaves the
@@ -101,14 +105,14 @@ def fit_study(
     pace.enter(START, "finding where each experiment starts")
     options = {
         "optimiser": optimiser, "loss": loss, "noise": noise, "step_s": step, "horizons": list(horizons),
-        "starts": starts, "sparse": sparse, "max_iterations": max_iterations,
+        "starts": starts, "sparse": sparse, "max_iterations": max_iterations, "derivatives": derivatives,
     }  # fmt: skip
     made_of = digest(study, free, options) if checkpoint else ""
     kept = Checkpoint.resume(checkpoint, made_of) if checkpoint and resume else Checkpoint(checkpoint, made_of)
     runs = [run_of(e, model, addresses, step) for e in study.fit]
     held_out = [run_of(e, model, addresses, step) for e in study.held_out]
     scale = np.array([table[f.addresses[0]].natural for f in freedom.parameters])
-    residuals = Residuals(freedom.parameters, scale, runs)
+    residuals = Residuals(freedom.parameters, scale, runs, way=derivatives, profiles=profiles)
     shared = Sparse(residuals, groups) if groups else None
     residuals = shared.few if shared else residuals
     search = Search(residuals, optimiser, loss, max_iterations, kept, pace, cancelled)
@@ -156,6 +160,7 @@ def fit_study(
             warnings.append("Cancelled before every profile was drawn: the search itself had converged.")
     pace.enter(OVERLAYS, "simulating every experiment before and after")
     overlays = _overlays(residuals, held_out, solution)
+    solution = replace(solution, message=solution.message + account(residuals.derivatives, solution.x.size))
     report = make_report(
         residuals, solution, uncertainty, intervals, search.history, overlays,
         time.perf_counter() - began, warnings, allowed,

@@ -169,7 +169,8 @@ def profile_interval(
         return Profile(problem.names[j], None, None, ((float(solution.x[j]), 0.0),))
     inflation = max(sd / noise_sd, 1.0) ** 2
     others = np.array([i for i in range(solution.x.size) if i != j], int)
-    weights = np.sqrt(solution.weights)
+    weights, trace_back = np.sqrt(solution.weights), problem.trace_back
+    slopes = weights[:, None] * solution.jacobian[:, others] if trace_back else None
     points = [(float(solution.x[j]), 0.0)]
     enough = min(0.02 * CHI2_95 * inflation / max(2.0 * solution.objective, 1e-300), 1e-2)  # 1% of the end's root
 
@@ -186,12 +187,15 @@ def profile_interval(
             lambda y: weights * problem.residual(full(y)),
             lambda y: _drop(problem.linearise(full(y)), weights, others),
             problem.lower[others], problem.upper[others], problem.scale[others],
+            trace_back=trace_back and (lambda y, w, back=trace_back: back(full(y), weights * w)[others]),
         )  # fmt: skip
         if others.size == 0:
             r = weights * problem.residual(full(np.zeros(0)))
             objective, best = 0.5 * float(r @ r), np.zeros(0)
         else:
-            found = solve(held, guess, max_iterations=max_iterations, ftol=enough, refusals=2, cancelled=cancelled)
+            found = solve(
+                held, guess, max_iterations=max_iterations, ftol=enough, refusals=2, cancelled=cancelled, slopes=slopes
+            )
             objective, best = found.objective, found.x
         base = 0.5 * float(np.sum((weights * solution.residual) ** 2))
         return 2.0 * (objective - base) / inflation, best

@@ -109,3 +109,9 @@ def whiten_ar1(rows: Float[np.ndarray, "n ..."], coefficient: float) -> Float[np
     """
     innovation = np.sqrt(1.0 - coefficient**2)
     return np.concatenate([rows[:1], (rows[1:] - coefficient * rows[:-1]) / innovation])
+
+
+def whiten_ar1_transposed(weight: Float[np.ndarray, " n"], coefficient: float) -> Float[np.ndarray, " n"]:
+    """W' weight, where W rows = whiten_ar1(rows)."""
+    after = weight[1:] / np.sqrt(1.0 - coefficient**2)
+    return np.concatenate([weight[:1], after]) - coefficient * np.concatenate([after, np.zeros(1)])

@@ -80,11 +80,11 @@ def with_values(model: Model, addresses: Addresses, values: Float[Array, " p"]) 
 
 
 def predict(
-    setting: Setting, addresses: Addresses, step_s: float | Array, x: Float[Array, " x"]
+    setting: Setting, addresses: Addresses, step_s: float | Array, x: Float[Array, " x"], backwards: bool = False
 ) -> tuple[Float[Array, " samples"], Array]:
     """Predicted samples, and which of them the motion was lost for.
 
-    x: parameters, start coordinates, start rates.
+    x: parameters, start coordinates, start rates. backwards: for derivatives backwards in time, where nothing strikes.
     """
     m = setting.mobility
     model = with_values(setting.model, addresses, x[: len(addresses)])
@@ -97,8 +97,9 @@ def predict(
     moved = time - made.held_s
     slack = LATEST_ROW_S if model.of(AbstractShutter) else 0.0
     until = jnp.ceil((jnp.max(lax.stop_gradient(moved)) + slack) / step_s).astype(int) + 2
-    halvings = HALVINGS if _strikes(made) else 0
-    motion = rollout(made, start, step_s, setting.steps, record, halvings, jnp.clip(until, 1, setting.steps))
+    halvings = HALVINGS if strikes(made) else 0
+    end = None if backwards else jnp.clip(until, 1, setting.steps)
+    motion = rollout(made, start, step_s, setting.steps, record, halvings, end)
     value, slope = columns(model, made, motion)
     seen = hermite(value + setting.turns, slope, step_s, moved, setting.column)
     if model.marker_ids and any(model.of(shape) for shape in SEEING):
@@ -141,7 +142,8 @@ def _marker_of(model: Model, column: Int[Array, " samples"]) -> tuple[Int[Array,
     return jnp.where(is_marker, at // 3, -1), jnp.where(is_marker, at % 3, 0)
 
 
-def _strikes(made: System) -> bool:
+def strikes(made: System) -> bool:
+    """Whether parts may strike each other, so that steps may be cut and have no derivatives backwards in time."""
     return bool(made.contacts.count or made.touches.count)
 
 
@@ -160,6 +162,22 @@ def linearised(
 
     (seen, lost), (slope, _) = jax.vmap(along, out_axes=((None, None), (1, None)))(directions)
     return seen, slope, lost
+
+
+@shelved("addresses")
+def foreseen(
+    setting: Setting, addresses: Addresses, step_s: float, x: Float[Array, " x"]
+) -> tuple[Float[Array, " samples"], Array]:
+    """Prediction alone, and the samples it was lost for."""
+    return predict(setting, addresses, step_s, x)
+
+
+@shelved("addresses")
+def traced_back(
+    setting: Setting, addresses: Addresses, step_s: float, x: Float[Array, " x"], weight: Float[Array, " samples"]
+) -> Float[Array, " x"]:
+    """Derivative of the weighed sum of the samples, backwards in time (reverse mode); nothing may strike."""
+    return jax.vjp(lambda x: predict(setting, addresses, step_s, x, backwards=True)[0], x)[1](weight)[0]
 
 
 def columns(model: Model, made: System, motion: Trajectory) -> tuple[Array, Array]:

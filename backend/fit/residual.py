@@ -8,21 +8,26 @@ tolerances say.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from backend.fit.filmed_run import FilmedRun
 from backend.fit.free import FreeParameter
-from backend.fit.noise import lag_one, whiten_ar1
+from backend.fit.noise import lag_one, whiten_ar1, whiten_ar1_transposed
+from backend.fit.price import Way, cheapest
 from backend.fit.prior import GaussianPrior
 from backend.fit.run import Run
 from backend.fit.solve import LeastSquares
 from backend.model.model import Address
+
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,8 @@ class Residuals:
     """The residual function of a study.
 
     x = (values of the parameters, own unknowns of each run, numbers of each camera, which runs may share). memory:
-    AR(1) coefficient by (run, channel), empty for white noise.
+    AR(1) coefficient by (run, channel), empty for white noise. way: of taking derivatives, None for what costs least.
+    profiles: whether likelihood intervals will be asked for.
     """
 
     parameters: Sequence[FreeParameter]
@@ -47,6 +53,8 @@ class Residuals:
     runs: Sequence[Run]
     spread: float = 1.0
     memory: dict[tuple[int, int], float] = field(default_factory=dict)
+    way: Way | None = None
+    profiles: bool = False
 
     def __post_init__(self):
         p = len(self.parameters)
@@ -60,8 +68,21 @@ class Residuals:
             for r, a, b in zip(self.runs, ends[:-1].tolist(), ends[1:].tolist(), strict=True)
         ]
         self._z = z
+        self._calibrated = np.concatenate([np.zeros(0, int), *z.values()])
         sd = {f.name: (f.start, f.prior_sd) for f in self.parameters if f.prior_sd is not None}
         self.prior = GaussianPrior.of([f.name for f in self.parameters], sd) if sd else GaussianPrior.none()
+
+    @cached_property
+    def derivatives(self) -> Way:
+        """How they are taken: as asked, or as costs least."""
+        strikes = any(run.strikes for run in self.runs)
+        if self.way == "adjoint" and strikes:
+            raise ValueError(
+                "Parts that may strike each other have no derivatives backwards in time: leave `derivatives` out, or "
+                "ask for forward ones."
+            )
+        profiled = len(self.parameters) if self.profiles else 0
+        return self.way or cheapest(len(self.names), profiled, sum(run.rollout_s for run in self.runs), strikes)
 
     @property
     def names(self) -> list[str]:
@@ -106,56 +127,100 @@ class Residuals:
         upper = np.concatenate([[f.upper for f in self.parameters], *[b[1] for b in bounds], beyond])
         scale = np.concatenate([self.scale, np.ones(lower.size - self.scale.size)])
         last: dict[str, np.ndarray] = {}
-        p = len(self.parameters)
+        held = np.zeros((0, scale.size))
+        if anchor is not None:
+            p = len(self.parameters)
+            held = np.eye(p, scale.size) / np.where(anchor[:p] == 0.0, self.scale, np.abs(anchor[:p]))[:, None]
+
+        def with_anchor(r: np.ndarray, x: np.ndarray) -> np.ndarray:
+            return r if anchor is None else np.concatenate([r, held @ (x - anchor)])
 
         def linearise(x: np.ndarray):
             # The value comes with the derivative for twice its price, and most trial steps are accepted.
             if last.get("x") is None or not np.array_equal(last["x"], x):
                 r, J = self.evaluate(x, fraction)
-                if anchor is not None:
-                    reach = np.where(anchor[:p] == 0.0, self.scale, np.abs(anchor[:p]))
-                    J = np.concatenate([J, np.eye(p, x.size) / reach[:, None]])
-                    r = np.concatenate([r, (x[:p] - anchor[:p]) / reach])
-                last.update(x=x.copy(), r=r, J=J)
+                last.update(x=x.copy(), r=with_anchor(r, x), J=np.concatenate([J, held]))
             return last["r"], last["J"]
 
+        def trace_back(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
+            data, of_anchor = np.split(weight, [weight.size - len(held)])
+            return self.traced_back(x, data, fraction) + of_anchor @ held
+
+        plain = lower, upper, scale, self.rows(fraction).motion
+        if self.derivatives == "together":
+            return LeastSquares(self.names, lambda x: linearise(x)[0], linearise, *plain)
         return LeastSquares(
-            self.names, lambda x: linearise(x)[0], linearise, lower, upper, scale, self.rows(fraction).motion
-        )
+            self.names, lambda x: with_anchor(self.residual(x, fraction), x), linearise, *plain,
+            trace_back if self.derivatives == "adjoint" else None,
+        )  # fmt: skip
 
     def evaluate(self, x: np.ndarray, fraction: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """(r, J) at x, rows as `rows` says."""
         p = len(self.parameters)
+        seen = self._each(lambda i, run, own: run.predict(x[:p], own), x)
+        slopes = []
+        for (_, slope), own in zip(seen, self._own, strict=True):
+            slopes.append(np.zeros((slope.shape[0], x.size)))
+            slopes[-1][:, :p], slopes[-1][:, own] = slope[:, :p], slope[:, p:]
+        J = [*self._whitened(slopes, fraction), self.prior.jacobian(x.size), np.eye(x.size)[self._calibrated]]
+        return self._beside_data([prediction for prediction, _ in seen], x, fraction), np.concatenate(J)
 
-        def one(i: int):
-            return self.runs[i].predict(x[:p], self.own(x, i))
+    def residual(self, x: np.ndarray, fraction: float = 1.0) -> np.ndarray:
+        """r of `evaluate` alone, which takes no derivative."""
+        p = len(self.parameters)
+        return self._beside_data(self._each(lambda i, run, own: run.foresee(x[:p], own), x), x, fraction)
 
+    def traced_back(self, x: np.ndarray, weight: np.ndarray, fraction: float = 1.0) -> np.ndarray:
+        """J' weight, backwards in time: no more than a few rollouts however many unknowns there are."""
+        p = len(self.parameters)
+        weights = [np.zeros(run.data.time_s.size) for run in self.runs]
+        for held in (False, True):
+            for i, run in enumerate(self.runs):
+                keep = run.within(fraction)
+                keep = keep[run.data.still[keep] == held]
+                given, weight = np.split(weight, [keep.size])
+                if not held:
+                    given = self._remember(i, run.data.channel[keep], given, whiten_ar1_transposed) / self.spread
+                weights[i][keep] = given / run.data.sigma[keep]
+        of_prior, of_cameras = np.split(weight, [self.prior.index.size])
+        gradient = self.prior.jacobian(x.size).T @ of_prior
+        gradient[self._calibrated] += of_cameras
+        traced = self._each(lambda i, run, own: run.trace_back(x[:p], own, weights[i]), x)
+        for (by_value, by_own), own in zip(traced, self._own, strict=True):
+            gradient[:p] += by_value
+            gradient[own] += by_own
+        return gradient
+
+    def _each(self, ask: Callable[[int, Run, np.ndarray], Answer], x: np.ndarray) -> list[Answer]:
+        """Ask every run, with its own unknowns, at the same time."""
         with ThreadPoolExecutor(max_workers=min(len(self.runs), os.cpu_count() or 1)) as pool:
-            seen = list(pool.map(one, range(len(self.runs))))
-        motion: list[tuple[np.ndarray, np.ndarray]] = []
-        still: list[tuple[np.ndarray, np.ndarray]] = []
-        for i, (run, (prediction, slope)) in enumerate(zip(self.runs, seen, strict=True)):
-            keep = run.within(fraction)
-            sigma = run.data.sigma[keep]
-            r = (prediction - run.data.value)[keep] / sigma
-            J = np.zeros((keep.size, x.size))
-            J[:, :p] = slope[keep, :p] / sigma[:, None]
-            J[:, self._own[i]] = slope[keep, p:] / sigma[:, None]
-            held = run.data.still[keep]
-            r_m, J_m = self._remember(i, run.data.channel[keep][~held], r[~held], J[~held])
-            motion.append((r_m / self.spread, J_m / self.spread))
-            still.append((r[held], J[held]))
-        prior = (self.prior.residual(x), self.prior.jacobian(x.size))
-        z = np.concatenate([np.zeros(0, int), *self._z.values()])
-        parts = [*motion, *still, prior, (x[z], np.eye(x.size)[z])]
-        return np.concatenate([r for r, _ in parts]), np.concatenate([J for _, J in parts])
+            return list(pool.map(lambda i: ask(i, self.runs[i], self.own(x, i)), range(len(self.runs))))
 
-    def _remember(self, run: int, channel: np.ndarray, r: np.ndarray, J: np.ndarray):
-        for c in np.unique(channel):
+    def _beside_data(self, predictions: Sequence[np.ndarray], x: np.ndarray, fraction: float) -> np.ndarray:
+        off = [prediction - run.data.value for prediction, run in zip(predictions, self.runs, strict=True)]
+        return np.concatenate([*self._whitened(off, fraction), self.prior.residual(x), x[self._calibrated]])
+
+    def _whitened(self, samples: Sequence[np.ndarray], fraction: float) -> list[np.ndarray]:
+        """What each run's samples (first axis) say, in the order and the units of the rows: those of motion, then the
+        static ones.
+        """
+        motion, still = [], []
+        for i, (run, each) in enumerate(zip(self.runs, samples, strict=True)):
+            keep = run.within(fraction)
+            rows = (each[keep].T / run.data.sigma[keep]).T
+            held = run.data.still[keep]
+            motion.append(self._remember(i, run.data.channel[keep][~held], rows[~held], whiten_ar1) / self.spread)
+            still.append(rows[held])
+        return [*motion, *still]
+
+    def _remember(
+        self, run: int, channel: np.ndarray, rows: np.ndarray, whiten: Callable[[np.ndarray, float], np.ndarray]
+    ) -> np.ndarray:
+        rows = rows.copy()
+        for c in np.unique(channel) if self.memory else ():
             if a := self.memory.get((run, int(c)), 0.0):
-                rows = channel == c
-                r[rows], J[rows] = whiten_ar1(r[rows], a), whiten_ar1(J[rows], a)
-        return r, J
+                rows[channel == c] = whiten(rows[channel == c], a)
+        return rows
 
     def miss(self, x: np.ndarray, fraction: float = 1.0) -> float:
         """Rms of how far parts are from where they were seen, in radians or mechanism lengths; 0 where only forces or

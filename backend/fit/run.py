@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,12 +15,15 @@ from jaxtyping import Float, Int
 from backend.effects.shapes import AbstractClock, AbstractShutter
 from backend.fit.measured import Measured, measured
 from backend.fit.pose import Found, find_start
-from backend.fit.prediction import Addresses, Setting, linearised, roomy
+from backend.fit.prediction import Addresses, Setting, foreseen, linearised, roomy, strikes, traced_back
+from backend.fit.price import step_s
 from backend.fit.solve import LeastSquares, solve
 from backend.mechanism.study import Experiment
 from backend.model.model import Address, Model
+from backend.model.system import system
 from backend.simulate.record import on_steps
 
+SPARED, ROOM = 32, 8  # slopes that repay another program; that it has room for, or a multiple of it
 CLOCK_ROOM = 1.3  # longer rollouts where the clock itself may be wrong
 
 
@@ -38,6 +42,7 @@ class Run:
     step_s: float
     ties: Float[np.ndarray, "all few"] | None = None
     _last: tuple[np.ndarray, tuple[np.ndarray, np.ndarray]] | None = field(default=None, repr=False)
+    _seen: tuple[np.ndarray, np.ndarray] | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, experiment: Experiment, model: Model, addresses: Addresses, step_s: float) -> Self:
@@ -133,36 +138,95 @@ class Run:
 
     def tied(self, ties: Float[np.ndarray, "all few"]) -> Run:
         """The same experiment, and the same compiled program, for values of which some are shared."""
-        return replace(self, ties=ties, _last=None)
+        return replace(self, ties=ties, _last=None, _seen=None)
 
     def holding(self, addresses: Sequence[Address], value: float) -> Run:
         """The same experiment, and the same compiled program, with parameters of the model at another value."""
         given = dict.fromkeys(addresses, jnp.asarray(value))
-        return replace(self, model=self.model.with_parameters(given), _last=None)
+        return replace(self, model=self.model.with_parameters(given), _last=None, _seen=None)
 
     def every(self, values: Float[np.ndarray, " few"]) -> Float[np.ndarray, " all"]:
         """The value at every address."""
         return values if self.ties is None else self.ties @ values
 
+    @cached_property
+    def strikes(self) -> bool:
+        """Whether its parts may strike each other, so that there is no derivative backwards in time."""
+        return strikes(jax.eval_shape(system, self.model))
+
+    @property
+    def rollout_s(self) -> float:
+        """What simulating it once usually takes."""
+        return self.frame[0] * step_s(self.model.topology.slots, self.strikes)
+
     def predict(self, values: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Predicted samples and their derivative in (values, own); NaN from where the motion is lost."""
-        rates = own[self.mobility : self.unknowns] if self.moving else np.zeros(self.mobility)
-        every = self.every(values)
-        x = np.concatenate([every, own[: self.mobility], rates])
+        x = self._moved_by(values, own)
         key = np.concatenate([x, own[self.unknowns :]])
         if self._last is not None and np.array_equal(self._last[0], key):
             return self._last[1]
-        p = every.size
-        directions = np.eye(p + self.unknowns, x.size)
+        directions, mixed = self._directions(x.size, values.size)
         seen, slope, lost = linearised(
             self.setting, self.addresses, self.step_s, jnp.asarray(x), jnp.asarray(directions)
         )
         n = self.asked[0].size
         J = np.asarray(slope[:n])
-        J = J if self.ties is None else np.concatenate([J[:, :p] @ self.ties, J[:, p:]], 1)
+        J = J if mixed is None else J @ mixed
         made = self.reported(np.where(np.asarray(lost[:n]), np.nan, np.asarray(seen[:n])), J, own)
         self._last = key, made
         return made
+
+    def foresee(self, values: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Predicted samples alone; NaN from where the motion is lost."""
+        value = self._foreseen(self._moved_by(values, own))
+        return self.reported(value, np.zeros((value.size, 0)), own)[0]
+
+    def trace_back(self, values: np.ndarray, own: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """J' weight in (values, own), J the derivative of the predicted samples; nothing may strike."""
+        x = self._moved_by(values, own)
+        asked, by_camera = self.handed_back(self._foreseen(x), own, weight)
+        room = np.zeros(self.setting.column.size)
+        room[: asked.size] = asked
+        slope = np.asarray(traced_back(self.setting, self.addresses, self.step_s, jnp.asarray(x), jnp.asarray(room)))
+        p = slope.size - 2 * self.mobility
+        by_value = slope[:p] if self.ties is None else slope[:p] @ self.ties
+        return by_value, np.concatenate([slope[p : p + self.unknowns], by_camera])
+
+    def handed_back(self, value: np.ndarray, own: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weights of what was asked of the rollout from those of what the data would say, and the camera's share."""
+        return weight, np.zeros(0)
+
+    def _directions(self, size: int, few: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Directions in x along which slopes are taken, and how those in (values, own) are mixed from them.
+
+        Where values are shared by many, along what they share, with room for more; else everywhere, since naming
+        what deviates takes those too and one program serves both.
+        """
+        p = size - 2 * self.mobility
+        every = np.eye(p + self.unknowns, size)
+        if self.ties is None:
+            return every, None
+        mixed = np.eye(p + self.unknowns, few + self.unknowns, few - p)
+        mixed[:p, :few] = self.ties
+        if p - few < SPARED:
+            return every, mixed
+        k = few + self.unknowns
+        along = np.zeros((-(-k // ROOM) * ROOM, size))
+        along[:k] = mixed.T @ every
+        return along, np.eye(len(along), k)
+
+    def _foreseen(self, x: np.ndarray) -> np.ndarray:
+        """What is asked of the rollout; NaN from where the motion is lost."""
+        if self._seen is None or not np.array_equal(self._seen[0], x):
+            seen, lost = foreseen(self.setting, self.addresses, self.step_s, jnp.asarray(x))
+            n = self.asked[0].size
+            self._seen = x, np.where(np.asarray(lost[:n]), np.nan, np.asarray(seen[:n]))
+        return self._seen[1]
+
+    def _moved_by(self, values: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """What decides its motion: the value at every address, start coordinates, start rates."""
+        rates = own[self.mobility : self.unknowns] if self.moving else np.zeros(self.mobility)
+        return np.concatenate([self.every(values), own[: self.mobility], rates])
 
     def settle(self, values: np.ndarray) -> np.ndarray:
         """Its own unknowns from its static frames, or its first window, alone: `values` stay as given.

@@ -21,6 +21,7 @@ from scipy.optimize import lsq_linear, minimize
 from backend.fit.loss import LossName, bulk_spread, evaluate_loss
 
 Vector = Float[np.ndarray, " p"]
+TraceBack = Callable[[Vector, Float[np.ndarray, " n"]], Vector]
 Status = Literal["converged", "rough", "iteration_limit", "disagree", "not_finite_at_start", "cancelled"]
 Optimiser = Literal["lm", "lbfgsb"]
 
@@ -29,6 +30,8 @@ Optimiser = Literal["lm", "lbfgsb"]
 STRIDE = 2.0  # of its own or its natural size: what a parameter may change by in one iteration
 PATIENCE = 3  # accepted steps that together must gain
 ROUGH = 2e-4  # this share of the objective; the sd of a parameter moves it by 1/n for n samples
+FORETOLD = 0.5  # by how much a gain may differ from what kept slopes promise: their next error is half the last
+UNSEEN = 1e-6  # of the widest singular value: what kept slopes see less of is left alone
 STILL_IMPROVING = "Stopped after {} iterations, still improving. Allow more iterations or free fewer parameters."
 NO_STEP_ROUGH = "Converged as far as the simulation is smooth: no step lowers the objective further."
 NO_STEP = (
@@ -44,6 +47,7 @@ class LeastSquares:
     residual: x -> r (n); may be non-finite where the simulation fails.
     linearise: x -> (r, J), J (n, p) = dr/dx.
     data_rows: how many leading rows are data; the rest are priors, which a robust loss leaves alone.
+    trace_back: (x, w) -> J'w, where that and the residual alone cost much less than J.
     """
 
     names: Sequence[str]
@@ -53,6 +57,7 @@ class LeastSquares:
     upper: Vector
     scale: Vector
     data_rows: int | None = None
+    trace_back: TraceBack | None = None
 
     def __post_init__(self):
         for name, lower, upper, scale in zip(self.names, self.lower, self.upper, self.scale, strict=True):
@@ -129,15 +134,17 @@ def solve(
     refusals: int = 12,
     progress: Callable[[Iteration], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    slopes: Float[np.ndarray, "n p"] | None = None,
 ) -> Solution:
     """Minimise from `start` (clipped into the box).
 
     ftol: stop when neither the model nor the objective can gain this fraction. gtol: stop when every free
     column is this orthogonal to the residual (cosine). refusals: trial steps refused in a row that end the search.
+    slopes: J of a place nearby, kept as long as it serves; the problem can trace back, and the end's J is not taken.
     Failures come back as a status with a sentence.
     """
     x = np.clip(np.asarray(start, float), problem.lower, problem.upper)
-    r, J = problem.linearise(x)
+    r, J = problem.linearise(x) if slopes is None else (problem.residual(x), slopes)
     cost = _Cost(problem, loss)
     if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
         bad = int(np.sum(~np.isfinite(r)))
@@ -148,7 +155,7 @@ def solve(
             _at_bound(problem, x), (), 1,
         )  # fmt: skip
     search = _levenberg_marquardt if optimiser == "lm" else _lbfgsb
-    rest = (max_iterations, ftol, gtol, refusals, progress, cancelled)
+    rest = (max_iterations, ftol, gtol, refusals, progress, cancelled, slopes is not None)
     if loss == "linear":
         return search(problem, cost, x, r, J, *rest)
     # The loss is as wide as the bulk of the residuals, which is known only once they fit: a few rounds settle it.
@@ -174,7 +181,42 @@ def _free(problem: LeastSquares, x: Vector, gradient: Vector) -> np.ndarray:
     return ~(((x <= problem.lower + slack) & (gradient > 0)) | ((x >= problem.upper - slack) & (gradient < 0)))
 
 
-def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, refusals, progress, cancelled) -> Solution:
+@dataclass(frozen=True)
+class _Quadratic:
+    """The objective around a point: gradient @ s + 1/2 |R s|^2, with R' Qr the gradient and R's column norms.
+
+    kept: whether R is that of an earlier point.
+    """
+
+    gradient: Vector
+    R: Float[np.ndarray, "p p"]
+    Qr: Vector
+    columns: Vector
+    kept: bool = False
+
+    @classmethod
+    def of(cls, J: Float[np.ndarray, "n p"], r: Float[np.ndarray, " n"]) -> _Quadratic:
+        Q, R = np.linalg.qr(J)
+        return cls(R.T @ (Q.T @ r), R, Q.T @ r, np.linalg.norm(R, axis=0))
+
+    def with_gradient(self, gradient: Vector) -> _Quadratic | None:
+        """The same curvature where the gradient is another, None where there is none; what R hardly sees is left to
+        slopes of that place.
+        """
+        if not np.all(np.isfinite(gradient)):
+            return None
+        D = np.where(self.columns > 0, self.columns, 1.0)
+        Qr, *_ = np.linalg.lstsq((self.R / D).T, gradient / D, rcond=UNSEEN)
+        return replace(self, gradient=gradient, Qr=Qr, kept=True)
+
+    def change(self, step: Vector) -> float:
+        return float(self.gradient @ step + 0.5 * np.sum((self.R @ step) ** 2))
+
+
+def _levenberg_marquardt(
+    problem, cost, x, r, J, max_iterations, ftol, gtol, refusals, progress, cancelled, elsewhere
+) -> Solution:
+    """elsewhere: J is that of a place nearby, and an end does without its own."""
     objective, weight = cost(r)
     damping, growth, evaluations = 1e-3, 2.0, 1
     widest = np.zeros_like(x)
@@ -183,55 +225,74 @@ def _levenberg_marquardt(problem, cost, x, r, J, max_iterations, ftol, gtol, ref
     def end(status: Status, message: str) -> Solution:
         return Solution(x, r, J, weight, objective, status, message, _at_bound(problem, x), tuple(history), evaluations)
 
+    model = _Quadratic.of(np.sqrt(weight)[:, None] * J, np.sqrt(weight) * r)
+    if elsewhere:
+        model = model.with_gradient(problem.trace_back(x, weight * r)) or model
     while True:
-        root = np.sqrt(weight)
-        Q, R = np.linalg.qr(root[:, None] * J)
-        Qr = Q.T @ (root * r)
-        gradient = R.T @ Qr
-        columns = np.linalg.norm(R, axis=0)
-        widest = np.maximum(widest, columns)
-        free = _free(problem, x, gradient)
-        norm = float(np.max(np.abs(problem.scale * gradient)[free], initial=0.0))
-        history.append(Iteration(len(history), objective, norm, x.copy()))
-        if progress is not None:
-            progress(history[-1])
-        cosine = np.abs(gradient) / np.maximum(columns * np.linalg.norm(root * r), 1e-300)
-        if np.max(cosine[free], initial=0.0) <= gtol:
-            return end("converged", "Converged: the residual is orthogonal to every free parameter.")
-        if len(history) > PATIENCE and history[-1 - PATIENCE].objective - objective < ROUGH * objective:
-            return end("rough", f"Converged as far as the simulation is smooth: {PATIENCE} steps gained little.")
-        if len(history) > 1 and damping < 1.0 and history[-2].objective - objective <= ftol * objective:
-            return end("converged", f"Converged: the last step gained no more than {ftol:g} of the objective.")
-        if len(history) > max_iterations:
-            return end("iteration_limit", STILL_IMPROVING.format(max_iterations))
-        refused = 0
-        while True:  # until a step is accepted
+        widest = np.maximum(widest, model.columns)
+        free = _free(problem, x, model.gradient)
+        if not history or history[-1].parameters is not x:
+            norm = float(np.max(np.abs(problem.scale * model.gradient)[free], initial=0.0))
+            history.append(Iteration(len(history), objective, norm, x))
+            if progress is not None:
+                progress(history[-1])
+        ending = _at_rest(history, model, free, np.sqrt(weight) * r, damping, max_iterations, ftol, gtol)
+        refused, gain = 0, 0.0
+        while ending is None:  # until a step is accepted
             if cancelled is not None and cancelled():
-                return end("cancelled", f"Cancelled after {len(history) - 1} iterations.")
-            step = _step_in_box(problem, x, R, Qr, damping, widest)
-            predicted = -float(gradient @ step + 0.5 * np.sum((R @ step) ** 2))
+                ending = "cancelled", f"Cancelled after {len(history) - 1} iterations."
+                break
+            step = _step_in_box(problem, x, model.R, model.Qr, damping, widest)
+            predicted = -model.change(step)
             if predicted <= ftol * objective and damping < 1.0:
-                return end("converged", f"Converged: no step can gain more than {ftol:g} of the objective.")
+                ending = "converged", f"Converged: no step can gain more than {ftol:g} of the objective."
+                break
             trial = np.clip(x + step, problem.lower, problem.upper)
-            reached = cost(problem.residual(trial))[0]
+            ahead = problem.residual(trial)
             evaluations += 1
-            gain = (objective - reached) / max(predicted, 1e-300)
+            gain = (objective - cost(ahead)[0]) / max(predicted, 1e-300)
             if gain > 1e-4:
+                x, r = trial, ahead
+                damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-12)  # Nielsen (1999)
+                growth = 2.0
                 break
             # Well-behaved steps have let the damping fall far: a refusal brings it back at once.
             damping, growth = max(damping * growth, 1e-3), 2.0 * growth
             refused += 1
-            if damping > 1e5 or refused >= refusals:
-                best = _step_in_box(problem, x, R, Qr, 1e-12, widest)
-                share = -float(gradient @ best) / 2.0 / max(objective, 1e-300)
-                return end(*(("rough", NO_STEP_ROUGH) if share < 1e-3 else ("disagree", NO_STEP.format(share))))
-        x = trial
-        r, J = problem.linearise(x)
+            if model.kept or damping > 1e5 or refused >= refusals:
+                best = _step_in_box(problem, x, model.R, model.Qr, 1e-12, widest)
+                share = -float(model.gradient @ best) / 2.0 / max(objective, 1e-300)
+                ending = ("rough", NO_STEP_ROUGH) if share < 1e-3 else ("disagree", NO_STEP.format(share))
+        if ending is not None and (elsewhere or not model.kept):
+            return end(*ending)
+        if ending is None and problem.trace_back is not None and abs(gain - 1.0) < FORETOLD:
+            objective, weight = cost(r)
+            if (kept := model.with_gradient(problem.trace_back(x, weight * r))) is not None:
+                model = kept
+                continue
+        r, J = problem.linearise(x)  # also where kept slopes see no way on: only slopes of its own end a search
         objective, weight = cost(r)
         if not np.all(np.isfinite(J)):
             return end("disagree", "The derivative of the simulation is not finite here. Use a smaller step.")
-        damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-12)  # Nielsen (1999)
-        growth = 2.0
+        model = _Quadratic.of(np.sqrt(weight)[:, None] * J, np.sqrt(weight) * r)
+
+
+def _at_rest(
+    history: Sequence[Iteration], model: _Quadratic, free: np.ndarray, r: np.ndarray, damping: float,
+    max_iterations: int, ftol: float, gtol: float,
+) -> tuple[Status, str] | None:  # fmt: skip
+    """Why the search ends with its last step, if it does; r in robust weights."""
+    objective = history[-1].objective
+    cosine = np.abs(model.gradient) / np.maximum(model.columns * np.linalg.norm(r), 1e-300)
+    if np.max(cosine[free], initial=0.0) <= gtol:
+        return "converged", "Converged: the residual is orthogonal to every free parameter."
+    if len(history) > PATIENCE and history[-1 - PATIENCE].objective - objective < ROUGH * objective:
+        return "rough", f"Converged as far as the simulation is smooth: {PATIENCE} steps gained little."
+    if len(history) > 1 and damping < 1.0 and history[-2].objective - objective <= ftol * objective:
+        return "converged", f"Converged: the last step gained no more than {ftol:g} of the objective."
+    if len(history) > max_iterations:
+        return "iteration_limit", STILL_IMPROVING.format(max_iterations)
+    return None
 
 
 def _step_in_box(problem, x, R, Qr, damping, widest) -> Vector:
@@ -256,7 +317,9 @@ def step_within(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], r
     return _step_in_box(problem, x, R, Q.T @ r, 1e-12, np.linalg.norm(R, axis=0))
 
 
-def _lbfgsb(problem, cost, x, r, J, max_iterations, ftol, gtol, refusals, progress, cancelled) -> Solution:
+def _lbfgsb(
+    problem, cost, x, r, J, max_iterations, ftol, gtol, refusals, progress, cancelled, elsewhere
+) -> Solution:  # fmt: skip
     """Quasi-Newton on the same objective in scaled variables; for comparison, it does not see J'J."""
     history: list[Iteration] = []
     last: dict[str, np.ndarray] = {}
@@ -265,14 +328,16 @@ def _lbfgsb(problem, cost, x, r, J, max_iterations, ftol, gtol, refusals, progre
     class _Cancelled(Exception):
         pass
 
+    traced_back = problem.trace_back or (lambda at, w: problem.linearise(at)[1].T @ w)
+
     def value(z):
         at = np.clip(z * problem.scale, problem.lower, problem.upper)
-        rr, JJ = problem.linearise(at)
+        rr = problem.residual(at)
         state["evaluations"] += 1
         f, w = cost(rr)
-        if not (np.isfinite(f) and np.all(np.isfinite(JJ))):
+        g = problem.scale * traced_back(at, w * rr) if np.isfinite(f) else np.full_like(z, np.nan)
+        if not np.all(np.isfinite(g)):
             return 1e6 * (1.0 + abs(state["objective"])), np.zeros_like(z)  # a wall: the line search backs off
-        g = problem.scale * (JJ.T @ (w * rr))
         last.update(z=z.copy(), g=g, f=np.array(f))
         return f, g
 

@@ -39,7 +39,7 @@ class Sparse:
         few, self.matrix = tied(self.full.parameters, self.groups, apart)
         first = np.argmax(self.matrix, axis=0)
         runs = [run.tied(self.matrix) for run in self.full.runs]
-        self.few = Residuals(few, self.full.scale[first], runs)
+        self.few = Residuals(few, self.full.scale[first], runs, way=self.full.way, profiles=self.full.profiles)
 
     def seek(self, search: Search, solution: Solution) -> Solution:
         """From the fit of shared values, name what deviates and fit again, until the names stay. A fit that ended

@@ -113,6 +113,18 @@ def test_a_prediction_in_pixels_has_the_derivative_that_it_states(in_pixels):
     np.testing.assert_allclose(J[:, 1:] @ way, numeric, atol=1e-4 * np.abs(numeric).max())
 
 
+def test_weights_of_samples_come_back_as_those_of_dots_and_camera(in_pixels, fit):
+    for result in (in_pixels[0], fit(0, metres=True)):
+        run, own = result.residuals.runs[0], result.residuals.own(result.solution.x, 0)
+        raw = run._foreseen(run._moved_by(result.solution.x[:1], own))
+        slope = np.random.default_rng(1).standard_normal((raw.size, 4))
+        _, J = run.reported(raw, slope, own)
+        weight = np.random.default_rng(2).standard_normal(len(J))
+        back, by_camera = run.handed_back(raw, own, weight)
+        np.testing.assert_allclose(slope.T @ back, J[:, :4].T @ weight, rtol=1e-10)
+        np.testing.assert_allclose(by_camera, J[:, 4:].T @ weight, rtol=1e-10, atol=1e-12)
+
+
 def test_a_held_out_clip_of_the_same_camera_is_seen_through_what_the_fit_learnt(in_pixels):
     from backend.fit.filmed_run import seen_by
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -167,3 +169,16 @@ def test_a_tolerance_holds_what_the_data_cannot_tell():
 def test_a_tolerance_on_nothing_lists_what_there_is():
     with pytest.raises(KeyError, match="known: gain, load"):
         GaussianPrior.of(["gain", "load"], {"mass": (0.0, 1.0)})
+
+
+def test_a_profile_by_gradients_alone_is_the_same():
+    value = 2 * np.exp(-TIME) + 0.25 * np.random.default_rng(3).standard_normal(TIME.size)
+    p, s, u = fitted(value, 0.25)
+    asked = []
+    traced = replace(p, linearise=asked.append, trace_back=lambda x, w: p.linearise(x)[1].T @ w)
+    for j in range(2):
+        plain = profile_interval(p, s, j, u.covariance, u.noise_sd[j], max_iterations=2)
+        other = profile_interval(traced, s, j, u.covariance, u.noise_sd[j], max_iterations=2)
+        assert other.lower == pytest.approx(plain.lower, abs=0.03 * u.sd[j])  # either stops within 3% of the end
+        assert other.upper == pytest.approx(plain.upper, abs=0.03 * u.sd[j])
+    assert not asked

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from backend.fit.noise import channel_noise, lag_one, quantum, third_difference_sigma, whiten_ar1
+from backend.fit.noise import channel_noise, lag_one, quantum, third_difference_sigma, whiten_ar1, whiten_ar1_transposed
 
 
 def test_third_differences_see_the_noise_and_not_the_motion():
@@ -77,3 +77,9 @@ def test_places_repeated_while_held_do_not_claim_to_be_perfect():
     found = channel_noise(t, np.where(t < 0.1, 0.123456, moving), release_s=0.1)
     assert found.source == "third_difference"
     assert found.sigma[0] == pytest.approx(1e-3, rel=0.4)  # static frames pull the median of the differences down
+
+
+def test_whitening_and_its_transpose_agree():
+    rng = np.random.default_rng(8)
+    rows, weight = rng.standard_normal((2, 30))
+    assert weight @ whiten_ar1(rows, 0.7) == pytest.approx(whiten_ar1_transposed(weight, 0.7) @ rows, rel=1e-12)

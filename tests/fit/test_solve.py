@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -178,3 +180,59 @@ def test_a_search_ends_with_the_step_that_brings_less_than_was_asked():
     assert enough.converged
     assert enough.evaluations < to_the_end.evaluations
     assert enough.objective < 1.01 * to_the_end.objective
+
+
+def traced(plain):
+    """The same problem that can trace back, and how often its Jacobian was asked for."""
+    asked = []
+
+    def linearise(x):
+        asked.append(x)
+        return plain.linearise(x)
+
+    return replace(plain, linearise=linearise, trace_back=lambda x, w: plain.linearise(x)[1].T @ w), asked
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+def test_slopes_that_are_kept_lead_where_fresh_ones_do(loss):
+    time = np.linspace(0, 2, 40)
+    value = 3 * np.exp(-0.7 * time) + 0.1 * np.cos(9 * time)
+    start = np.array([2.8, 0.6])
+    fresh = solve(decay(time, value), start, loss=loss, ftol=1e-12)
+    problem, asked = traced(decay(time, value))
+    kept = solve(problem, start, loss=loss, ftol=1e-12)
+    assert kept.converged
+    np.testing.assert_allclose(kept.x, fresh.x, rtol=1e-5)  # an objective within 1e-12, near its flat bottom
+    np.testing.assert_allclose(kept.jacobian, decay(time, value).linearise(kept.x)[1])  # the end has its own
+    assert len(asked) < len(kept.history)
+
+
+def test_slopes_that_foretell_badly_are_taken_anew():
+    problem, asked = traced(rosenbrock())
+    found = solve(problem, np.array([-1.2, 1.0]))
+    assert found.converged
+    np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-6)
+    assert len(asked) > 5  # around a bend of the valley
+
+
+def test_a_bound_is_met_with_kept_slopes():
+    found = solve(traced(rosenbrock(upper=(0.5, np.inf)))[0], np.array([-1.2, 1.0]))
+    np.testing.assert_allclose(found.x, [0.5, 0.25], atol=1e-6)
+    assert found.at_bound == (True, False)
+
+
+def test_a_search_with_kept_slopes_stops_when_told_to():
+    problem, _ = traced(decay(np.linspace(0, 2, 40), 3 * np.exp(-0.7 * np.linspace(0, 2, 40))))
+    told = []
+    found = solve(problem, np.array([2.0, 0.1]), progress=told.append, cancelled=lambda: len(told) > 2)
+    assert found.status == "cancelled"
+    assert found.x is told[-1].parameters
+    np.testing.assert_allclose(found.jacobian, problem.linearise(found.x)[1])
+
+
+def test_quasi_newton_takes_gradients_where_it_may():
+    time = np.linspace(0, 2, 40)
+    problem, asked = traced(decay(time, 3 * np.exp(-0.7 * time)))
+    found = solve(problem, np.array([1.0, 0.1]), optimiser="lbfgsb", max_iterations=200)
+    np.testing.assert_allclose(found.x, [3.0, 0.7], rtol=1e-3)
+    assert len(asked) == 2  # where it begins and where it ends

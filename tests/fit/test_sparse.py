@@ -14,7 +14,7 @@ STEP_S, SIGMA_RAD = 2e-3, 1e-5  # encoders of 19 bits
 STILL, SAMPLES = 10, 200
 
 
-def uneven_scissor(damping):
+def uneven_scissor(damping, cells=CELLS, uneven_m=0.03):
     """Crossed bars hinged to the ground at one corner, pins off their middles: no two pins turn alike.
 
     In a regular scissor all pins turn by the same angle, and no motion tells whose friction it is that slows it.
@@ -22,8 +22,8 @@ def uneven_scissor(damping):
     rng = np.random.default_rng(5)
     low, top = np.array([0.0, -0.06, 0.0]), np.array([0.0, 0.06, 0.0])
     bars, pins, bottom, ceiling = [], [], "ground", ""
-    for i in range(CELLS):
-        before_a, before_b, after_a, after_b = 0.1 + 0.03 * rng.uniform(-1, 1, 4)
+    for i in range(cells):
+        before_a, before_b, after_a, after_b = 0.1 + uneven_m * rng.uniform(-1, 1, 4)
         gap = np.linalg.norm(top - low)
         down = (top - low) / gap
         along = (gap**2 + before_a**2 - before_b**2) / (2 * gap)
