@@ -197,9 +197,8 @@ def _profiles(
         pace.enter(PROFILE, f"profile of {name}")
         if np.isfinite(u.sd[j]):
             profile = profile_interval(
-                problem, solution, j, u.covariance, float(u.noise_sd[j]), max_points=3, max_iterations=2,
-                cancelled=cancelled,
-            )  # fmt: skip
+                problem, solution, j, u.covariance, float(u.noise_sd[j]), max_points=3, cancelled=cancelled
+            )
             if cancelled is not None and cancelled():
                 break  # its ends may not be where it stopped
             found[name] = profile

@@ -31,7 +31,7 @@ STRIDE = 2.0  # of its own or its natural size: what a parameter may change by i
 PATIENCE = 3  # accepted steps that together must gain
 ROUGH = 2e-4  # this share of the objective; the sd of a parameter moves it by 1/n for n samples
 FORETOLD = 0.5  # by how much a gain may differ from what kept slopes promise: their next error is half the last
-UNSEEN = 1e-6  # of the widest singular value: what kept slopes see less of is left alone
+UNSEEN = 1e-12  # of the widest singular value: what kept slopes see less of is left alone
 STILL_IMPROVING = "Stopped after {} iterations, still improving. Allow more iterations or free fewer parameters."
 NO_STEP_ROUGH = "Converged as far as the simulation is smooth: no step lowers the objective further."
 NO_STEP = (
@@ -140,7 +140,8 @@ def solve(
 
     ftol: stop when neither the model nor the objective can gain this fraction. gtol: stop when every free
     column is this orthogonal to the residual (cosine). refusals: trial steps refused in a row that end the search.
-    slopes: J of a place nearby, kept as long as it serves; the problem can trace back, and the end's J is not taken.
+    slopes: J of a place nearby, kept as long as it serves; the problem can trace back, and an end that its gradient
+    foresees does without its own J.
     Failures come back as a status with a sentence.
     """
     x = np.clip(np.asarray(start, float), problem.lower, problem.upper)
@@ -216,7 +217,7 @@ class _Quadratic:
 def _levenberg_marquardt(
     problem, cost, x, r, J, max_iterations, ftol, gtol, refusals, progress, cancelled, elsewhere
 ) -> Solution:
-    """elsewhere: J is that of a place nearby, and an end does without its own."""
+    """elsewhere: J is that of a place nearby, and an end that a gradient or the caller tells does without its own."""
     objective, weight = cost(r)
     damping, growth, evaluations = 1e-3, 2.0, 1
     widest = np.zeros_like(x)
@@ -237,15 +238,16 @@ def _levenberg_marquardt(
             if progress is not None:
                 progress(history[-1])
         ending = _at_rest(history, model, free, np.sqrt(weight) * r, damping, max_iterations, ftol, gtol)
-        refused, gain = 0, 0.0
+        refused, gain, told = 0, 0.0, False
         while ending is None:  # until a step is accepted
             if cancelled is not None and cancelled():
-                ending = "cancelled", f"Cancelled after {len(history) - 1} iterations."
+                ending, told = ("cancelled", f"Cancelled after {len(history) - 1} iterations."), True
                 break
             step = _step_in_box(problem, x, model.R, model.Qr, damping, widest)
             predicted = -model.change(step)
             if predicted <= ftol * objective and damping < 1.0:
                 ending = "converged", f"Converged: no step can gain more than {ftol:g} of the objective."
+                told = True
                 break
             trial = np.clip(x + step, problem.lower, problem.upper)
             ahead = problem.residual(trial)
@@ -263,7 +265,7 @@ def _levenberg_marquardt(
                 best = _step_in_box(problem, x, model.R, model.Qr, 1e-12, widest)
                 share = -float(model.gradient @ best) / 2.0 / max(objective, 1e-300)
                 ending = ("rough", NO_STEP_ROUGH) if share < 1e-3 else ("disagree", NO_STEP.format(share))
-        if ending is not None and (elsewhere or not model.kept):
+        if ending is not None and (not model.kept or (elsewhere and told)):
             return end(*ending)
         if ending is None and problem.trace_back is not None and abs(gain - 1.0) < FORETOLD:
             objective, weight = cost(r)
