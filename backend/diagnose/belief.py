@@ -82,8 +82,9 @@ def weigh(
     total = logsumexp([*(z + prior), *rest])
     p = np.exp(z + prior - total)
     true = p * np.array([_own(c.candidates) for c in causes])
-    unknown = float(np.exp(rest[1] - total) + np.sum(p - true))
-    return Belief(tuple(causes), true, z + prior, float(np.exp(rest[0] - total)), unknown)
+    none = float(np.exp(rest[0] - total))
+    unknown = min(float(np.exp(rest[1] - total) + np.sum(p - true)), 1.0 - none)  # rounding may not bring it past one
+    return Belief(tuple(causes), true, z + prior, none, unknown)
 
 
 def _own(members: Sequence[Candidate]) -> float:

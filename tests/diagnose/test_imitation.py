@@ -46,3 +46,12 @@ def test_what_is_not_the_sets_own_is_unknown(reach, own):
     belief = weigh(None, [cause(*reach)], 50, scale=1.0)
     assert belief.probability[0] == pytest.approx(own)
     assert belief.unknown == pytest.approx(1.0 - own)
+
+
+@pytest.mark.parametrize("odds", [30.0, 35.0, 40.0])
+def test_probabilities_stay_probabilities_where_something_unknown_is_all_but_certain(odds):
+    sets = [cause("joint:a", "camera"), cause("camera", "camera")]
+    likeliest = weigh(None, sets, 50, scale=1.0).log_z[0]
+    belief = weigh(None, sets, 50, scale=1.0, unknown_log_z=likeliest + odds)
+    assert 1.0 - belief.unknown - belief.none >= 0.0
+    assert belief.unknown + belief.none + belief.probability.sum() == pytest.approx(1.0)
