@@ -241,7 +241,8 @@ def _levenberg_marquardt(
         refused, gain, told = 0, 0.0, False
         while ending is None:  # until a step is accepted
             if cancelled is not None and cancelled():
-                ending, told = ("cancelled", f"Cancelled after {len(history) - 1} iterations."), True
+                ending = "cancelled", f"Cancelled after {len(history) - 1} iterations."
+                told = True
                 break
             step = _step_in_box(problem, x, model.R, model.Qr, damping, widest)
             predicted = -model.change(step)
