@@ -2,14 +2,19 @@
 
 python -m benchmarks.clearance_peers            every case
 python -m benchmarks.clearance_peers one        the cases with "one" in their name
+python -m benchmarks.clearance_peers means      means over plays that no calliper tells apart, every pin loose
 
 The 5-cell scissor opened by its spring, pins of 8 mm, 0.6 s from rest.  "Every pin" means all fifteen revolute joints:
 pins between bars, the ground pin and the slider's pin; the slider's guide stays tight.  "One pin" is top1, where cells
 1 and 2 meet.  "Unguided" starts flatter (0.6 rad) and has no slider, so that it also swings about its ground pin.  A
 difference is the RMS over time of the tip's distance, over the RMS of the tip's way off the rigid motion, each over the
 first 0.2, 0.3 and 0.6 s.
+
+Where every pin is loose the motion is chaotic: engines, steps and plays 0.1% apart each choose another of many paths.
+"means" compares what is left to compare: the mean paths over MANY such plays, and how far single ones stray from them.
 """
 
+import itertools
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -36,6 +41,8 @@ TIP = ("a4", np.array([0.5 * LENGTH_M, 0.0, 0.0]))
 STIFFER = 4.0
 ALIKE = ("half step", "4x stiffness", "play + 0.1%")
 NUDGE = 1.001  # of the play: what no drawing and no calliper tells
+MANY = 16
+PLAYS = np.linspace(2.0 - NUDGE, NUDGE, MANY)
 
 
 @dataclass(frozen=True)
@@ -175,14 +182,33 @@ def compare(case: Case, rigid: np.ndarray) -> None:
             except RuntimeError:
                 line = "stops"
             print(f"{'':<34} {engine}, {name:<20} {line}", flush=True)
-    names = list(seen)
-    for i, one in enumerate(names):
-        for other in names[i + 1 :]:
-            line = differences(seen[one], seen[other], rigid)
-            print(f"{case.name:<34} {one + ' - ' + other:<28} {line}", flush=True)
+    for one, other in itertools.combinations(seen, 2):
+        line = differences(seen[one], seen[other], rigid)
+        print(f"{case.name:<34} {one + ' - ' + other:<28} {line}", flush=True)
+
+
+def compare_means(case: Case, rigid: np.ndarray) -> None:
+    """Print how far the engines' mean paths are apart, and how far chance alone would put them."""
+    seen: dict[str, np.ndarray] = {}
+    off = float(np.sqrt(((ours(case, STEP_S["ours"], 1.0, 1.0, 1.0) - rigid) ** 2).sum(1).mean()))
+    for engine in case.engines:
+        run, step_s = ENGINES[engine], STEP_S[engine]
+        seen[engine] = np.stack([run(case, step_s, 1.0, wider, 1.0) for wider in PLAYS])
+    stray = {engine: float(np.sqrt(paths.var(0, ddof=1).sum(-1).mean())) for engine, paths in seen.items()}
+    for engine, one in stray.items():
+        print(f"{case.name:<28} {engine:<7} one path strays {one / off:6.2%} from the mean of {MANY}", flush=True)
+    for one, other in itertools.combinations(seen, 2):
+        apart = np.sqrt(((seen[one].mean(0) - seen[other].mean(0)) ** 2).sum(1).mean()) / off
+        chance = np.hypot(stray[one], stray[other]) / np.sqrt(MANY) / off
+        print(f"{case.name:<28} {one + ' - ' + other:<17} means {apart:6.2%} apart; by chance {chance:.2%}", flush=True)
 
 
 def main(wanted: str = "") -> None:
+    if wanted == "means":
+        for case in CASES:
+            if case.pins is None and case.linkage is GUIDED:
+                compare_means(case, rigid_path(GUIDED))
+        return
     print(f"steps [s] {STEP_S}; differences over the first {', '.join(map(str, UNTIL_S))} s")
     for linkage in (GUIDED, UNGUIDED):
         rigid = rigid_path(linkage)

@@ -22,7 +22,6 @@ from backend.model.contacts import ROUND_TIP, JointContacts
 STRIDE = 0.3  # of the room: a part that goes further in a step does not tell at q_k where it will touch
 NO_STRIDE = 1e-6  # keeps the slope finite where no stride is left
 TOUCHING = 4  # power of (|η| / room)² that tells a part at its wall from one in flight
-LAGGING = 1e2  # blur of a step beyond which friction is limited by the push of the step before
 CREEP = 1e-3  # of the speed of a fall through one mechanism length: slower than this, give has no direction
 
 

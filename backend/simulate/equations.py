@@ -22,6 +22,7 @@ from backend.simulate.contact import Reach
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Drive, Impulses
 from backend.simulate.momentum import BodyRows, momentum, momentum_slope
+from backend.simulate.piece import WHOLE, Piece
 from backend.simulate.slopes import known
 from backend.simulate.small import apply, apply_transposed
 
@@ -118,14 +119,12 @@ def frame(
     step_s: float | Array,
     target: Float[Array, "joints"],
     most: Bounds,
-    blur: float | Array = 1.0,
+    piece: Piece = WHOLE,
 ) -> Frame:
     """Evaluate forces and directions at q_k.
 
     target: q that driven joints must reach.  most: largest gaps that walls may ask for one step ahead [m].
-    blur: factor on the rate below which friction holds.  Above 1, for steps that are cut because they have no solution
-    or none was found, walls push along their normal at q_{k+1} and give nothing back; above `contact.LAGGING`
-    friction's limit and direction are those of q_k: a convex problem is left.
+    piece: whether the step is a piece of another, see there.
     """
     bodies, rows = motion.bodies, motion.rows
     lines = forces.strut_lines(system, bodies)
@@ -135,12 +134,12 @@ def frame(
         step_s,
         weight,
         forces.dry_limits(system, _expected_rate(system, motion, rows.jacobian)),
-        step_s * blur * system.stick_rate,
+        step_s * piece.blur * system.stick_rate,
         weight * forces.joint_efforts(system, motion.q),
         motion.rate,
         motion.q,
         jnp.where(system.is_driven, target - motion.q, 0.0),
-        _reach(system, motion, rows, step_s, weight, most.walls, blur),
+        _reach(system, motion, rows, step_s, weight, most.walls, piece),
     )
     return Frame(
         step_s,
@@ -155,7 +154,7 @@ def frame(
         motion.lengthening,
         drive,
         meeting.meet(
-            system, bodies, motion.parting, motion.impulses.touches.normal, step_s, weight, most.touches, blur
+            system, bodies, motion.parting, motion.impulses.touches.normal, step_s, weight, most.touches, piece
         ),
     )
 
@@ -194,15 +193,16 @@ def _reach(
     step_s: float | Array,
     weight: Array,
     most: Float[Array, "walls"],
-    blur: float | Array,
+    piece: Piece,
 ) -> Reach:
     """What the walls see of q_k; an end of travel counts from where the coordinate is."""
     contacts, step = system.contacts, jnp.asarray(step_s)
     here = law.at_walls(system, jnp.where(system.coordinate_rows, 0.0, rows.value))
     travelled = contacts.normal[:, 0] * picked(motion.q, contacts.at)
     room = jnp.where(np.array(contacts.travels, dtype=bool), contacts.room - travelled, contacts.room)
-    back = contact.gap(contacts, room, here) - step * motion.opening
-    cut = blur > 1.0
+    gap = contact.gap(contacts, room, here)
+    back = gap - step * motion.opening
+    cut = piece.cut
     e = jnp.where(cut, 0.0, contacts.restitution)
     # Within a hole a gap is at most the room, however far a part would have flown in the step before.
     soft = (1.0 + e * e) / jnp.maximum(e * e, 1e-6)  # of the give on the way out, twice over
@@ -212,7 +212,7 @@ def _reach(
     fall = jnp.sqrt(scale.gravity_m_per_s2 * scale.length_m)
     # A pin's surface moves slower than the bar's end by radius over length: what creeps there shows at the end.
     radius = contacts.selection[:, 2, TURN]
-    stick = step * blur * STICK_RATE * jnp.where(radius > 0.0, radius, scale.length_m)
+    stick = step * piece.blur * STICK_RATE * jnp.where(radius > 0.0, radius, scale.length_m)
     load = motion.impulses.walls.normal
     stride = jnp.where(cut, 0.0, contact.STRIDE)
     walled = jnp.einsum("cri,cik->crk", contacts.selection[:, :2], picked(rows.jacobian, contacts.at))
@@ -221,7 +221,7 @@ def _reach(
         room=room,
         here=here,
         back=back,
-        deep=jnp.maximum(e * back, -most),
+        deep=jnp.maximum(jnp.where(cut, piece.left_in(gap, contacts.give / weight * load), e * back), -most),
         step_s=step,
         span_s=2 * step,
         weight_s=weight,
@@ -231,7 +231,7 @@ def _reach(
         stride=stride,
         restitution=e,
         load=load,
-        lagging=jnp.asarray(blur > contact.LAGGING),
+        lagging=piece.lagging,
     )
 
 

@@ -18,6 +18,7 @@ from backend.simulate.contact import Push, Reach
 from backend.simulate.kinematics import Bodies
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows
+from backend.simulate.piece import Piece
 from backend.simulate.small import apply_transposed
 
 
@@ -53,27 +54,28 @@ def meet(
     step_s: float | Array,
     weight: Array,
     most: Float[Array, "places"],
-    blur: float | Array,
+    piece: Piece,
 ) -> Meeting:
     """Look at the bodies at q_k.
 
     parting, pushed: rate of the gaps and what the places carried in the step before; most: gaps that they may ask for.
     """
     step, scale = jnp.asarray(step_s), system.scale
-    stick = step * blur * STICK_RATE * scale.length_m
+    stick = step * piece.blur * STICK_RATE * scale.length_m
     near = touch.near(system, bodies)
     none = jnp.zeros((near.gap.shape[0], 3))
     fall = jnp.sqrt(scale.gravity_m_per_s2 * scale.length_m)
     back = near.gap - step * parting
     sticks = stick * jnp.ones_like(near.gap)
     walls = touch.walls(system)
-    e = jnp.where(blur > 1.0, 0.0, walls.restitution)
-    ease = step * kinematics.ease(system, near.rows[:, :1], _places(system)) + walls.give / jnp.maximum(weight, 1e-300)
+    e = jnp.where(piece.cut, 0.0, walls.restitution)
+    give = walls.give / jnp.maximum(weight, 1e-300)
+    ease = step * kinematics.ease(system, near.rows[:, :1], _places(system)) + give
     reach = Reach(
         room=near.gap,
         here=none,
         back=back,
-        deep=jnp.maximum(e * back, -most),
+        deep=jnp.maximum(jnp.where(piece.cut, piece.left_in(near.gap, give * pushed), e * back), -most),
         step_s=step,
         span_s=2 * step,
         weight_s=weight,
@@ -83,7 +85,7 @@ def meet(
         stride=jnp.zeros(()),
         restitution=e,
         load=pushed,
-        lagging=jnp.asarray(blur > contact.LAGGING),
+        lagging=piece.lagging,
     )
     return Meeting(near.rows, reach, _pad_rows(system, bodies), weight * system.pads.grip, stick)
 

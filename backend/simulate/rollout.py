@@ -16,12 +16,11 @@ from backend.simulate.equations import Motion, lengthening, refreshed
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
+from backend.simulate.piece import WHOLE, Piece
 from backend.simulate.record import Record
 from backend.simulate.step import SOLUTION, Solved, step
 
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
-BLUR = 10.0  # per cut, on the rate below which friction holds: where sticking is undecided, 1 µm of creep decides
-BLURRED = 6  # cuts after which it grows no more
 PAYMENTS = 4  # times a step is made again because a wall gave back more than it had taken
 UNSOLVED = 10.0  # times the tolerance: a step that leaves more is cut in two
 
@@ -74,7 +73,14 @@ def depart(system: System, start: Start) -> Motion:
         parting=meeting.partings(
             system,
             meeting.meet(
-                system, bodies, jnp.zeros(places), jnp.zeros(places), 0.0, jnp.zeros(()), jnp.full(places, jnp.inf), 1.0
+                system,
+                bodies,
+                jnp.zeros(places),
+                jnp.zeros(places),
+                0.0,
+                jnp.zeros(()),
+                jnp.full(places, jnp.inf),
+                WHOLE,
             ),
             start.velocity,
         ),
@@ -221,10 +227,10 @@ def _cut_step(
         return (now.done < 1.0) & ~now.gone
 
     def attempt(now: _Attempt) -> _Attempt:
-        share = 0.5**now.cuts
+        piece = Piece(now.cuts)
+        share = piece.share
         along = motion.q + (now.done + share) * (target - motion.q)
-        blur = BLUR ** jnp.minimum(now.cuts, BLURRED)
-        after, solved, asked = step(system, now.motion, share * step_s, along, now.most, blur)
+        after, solved, asked = step(system, now.motion, share * step_s, along, now.most, piece)
         last = now.cuts == halvings
         failed = _failed(solved, jnp.where(last, LOST, UNSOLVED * system.tolerance))
         node = _node(system, now.motion, after, solved, share * step_s, now.gone)

@@ -28,6 +28,7 @@ from backend.simulate.equations import (
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows, momentum
+from backend.simulate.piece import WHOLE, Piece
 from backend.simulate.slopes import along
 
 MAX_ITERATIONS = 30  # of a step as it is asked
@@ -208,15 +209,14 @@ def step(
     step_s: float | Array,
     target: Float[Array, "joints"],
     most: Bounds,
-    blur: float | Array = 1.0,
+    piece: Piece = WHOLE,
 ) -> tuple[Motion, Solved, Bounds]:
     """Advance one time step: move freely, close the joints, respect friction and walls.
 
-    most: largest gaps that walls may ask for; returned is what they may ask for where they gave back too much.  blur:
-    factor on the rate below which friction holds; above 1 the step also leans on what is known at q_k, see `frame`.
+    most: largest gaps that walls may ask for; returned is what they may ask for where they gave back too much.
     """
     motion = refreshed(system, motion)
-    at = frame(system, motion, step_s, target, most, blur)
+    at = frame(system, motion, step_s, target, most, piece)
     solved = close(system, at, _guess(system, at, motion))
     (xi, impulses), there = solved.unknowns, solved.there
     q = kinematics.coordinates_near(system, there.bodies, motion.q)

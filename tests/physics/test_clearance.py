@@ -1,9 +1,20 @@
 """A pin in a hole that is too wide for it, against what mechanics says about it."""
 
+import functools
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from backend.model.state import Start, drawn_pose
+from backend.model.system import system
+from backend.simulate import giving
+from backend.simulate.equations import Motion as Carried
+from backend.simulate.piece import Piece
+from backend.simulate.rollout import depart
+from backend.simulate.step import step
 from tests.loose import LENGTH, MASS, G, loose_ball, loose_bar
 from tests.mechanisms import bar_inertia
 from tests.motions import Motion, crossings, follow
@@ -42,6 +53,24 @@ def test_a_pin_stays_where_it_strikes_a_hole_that_gives_nothing_back():
     motion = fly(loose_ball(radial_m=play), STEP_S, np.array([[0, -SPEED, 0, 0, 0, 0]]))
     assert np.abs(motion.path.velocity[10:, 0]).max() < 2e-3 * SPEED  # the barrier's energy
     assert motion.path.pose.position[-1, 0, 1] == pytest.approx(-play, abs=2e-3 * SPEED * STEPS * STEP_S)
+
+
+def test_a_piece_of_a_step_drives_a_part_out_of_its_wall_at_the_pace_of_whole_steps():
+    ball = loose_ball(radial_m=6.6 * SPEED * STEP_S, restitution=0.8)
+    plant = system(ball)
+    flight, free = jnp.array([[0.0, -SPEED, 0.0, 0.0, 0.0, 0.0]]), giving.none(plant.contacts.count, 0)
+
+    @functools.partial(jax.jit, static_argnums=1)
+    def on(motion: Carried, cuts: int) -> Carried:
+        piece = Piece(cuts)
+        return step(plant, motion, piece.share * STEP_S, jnp.zeros(len(plant.coordinate)), free, piece)[0]
+
+    motion = depart(plant, Start(drawn_pose(ball, plant), flight))
+    for _ in range(7):
+        motion = on(motion, 0)
+    depth = 0.4 * SPEED * STEP_S  # behind the wall, for the next step to give back
+    assert motion.pose.position[0, 1] == pytest.approx(-7.0 * SPEED * STEP_S)
+    assert 0.9 * depth / STEP_S < on(motion, 10).velocity[0, 1] < depth / STEP_S  # at once it were 1024 times that
 
 
 @pytest.mark.parametrize("restitution", [0.3, 0.5, 0.8, 1.0])
