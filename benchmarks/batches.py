@@ -5,15 +5,20 @@ python -m benchmarks.batches              # on every core it is given
 
 import os
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from backend.blind import mujoco_engine
 from backend.blind.closure import assemble
 from backend.blind.drawn import read_drawing
+from backend.blind.mujoco_model import Wall, mujoco_spec
+from backend.jam.batch import TOGETHER
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.read import read_mechanism
 from backend.model.build import build
@@ -28,10 +33,12 @@ from benchmarks.scissor import scissor
 
 SAMPLES = Path(__file__).parents[1] / "samples"
 BATCH, STEP_S, STEPS, REPEATS = 256, 1e-3, 200, 3
+CORES = len(os.sched_getaffinity(0))
+RATE_PER_S = 1.0 / (6.0 * STEP_S)  # of walls, of which the four-bar has none
 
 
 def ours(mechanism: Mechanism, switch: str) -> float:
-    """Rollouts a second; every sample begins at rates of its own."""
+    """Rollouts a second, a thread a core; every sample has masses of its own."""
     os.environ[call.SWITCH] = switch
     jax.clear_caches()
     model = build(mechanism)
@@ -39,23 +46,19 @@ def ours(mechanism: Mechanism, switch: str) -> float:
     pose = closed(plant, drawn_pose(model, plant))
 
     def tip(scale):
-        begin = Start(pose, jnp.zeros((model.topology.slots, 6)))
-        lighter = model_with_gravity(plant, scale)
-        path = rollout(lighter, begin, STEP_S, STEPS)
+        heavier = eqx.tree_at(lambda s: (s.mass, s.inertia), plant, (plant.mass * scale, plant.inertia * scale))
+        path = rollout(heavier, Start(pose, jnp.zeros((model.topology.slots, 6))), STEP_S, STEPS)
         return path.pose.position[-1], path.lost[-1]
 
-    batch = jax.jit(jax.vmap(tip))
-    scales = jnp.linspace(0.9, 1.1, BATCH)
-    if bool(batch(scales)[1].any()):
+    @jax.jit
+    def several(scales):
+        return lax.map(tip, scales, batch_size=TOGETHER)
+
+    shares = jnp.linspace(0.9, 1.1, BATCH).reshape(-1, 4 * TOGETHER)
+    if bool(several(shares[0])[1].any()):
         raise RuntimeError(f"{mechanism.name}: a step was lost")
-    return BATCH / median_wall_s(lambda: jax.block_until_ready(batch(scales)))
-
-
-def model_with_gravity(plant, scale):
-    """The same plant, its masses a little heavier or lighter."""
-    import equinox as eqx
-
-    return eqx.tree_at(lambda s: (s.mass, s.inertia), plant, (plant.mass * scale, plant.inertia * scale))
+    with ThreadPoolExecutor(CORES) as pool:
+        return BATCH / median_wall_s(lambda: list(pool.map(lambda s: jax.block_until_ready(several(s)), shares)))
 
 
 def mujoco_rollouts(model) -> float:
@@ -63,13 +66,12 @@ def mujoco_rollouts(model) -> float:
     import mujoco
     from mujoco.rollout import Rollout
 
-    threads = len(os.sched_getaffinity(0))
-    datas = [mujoco.MjData(model) for _ in range(threads)]
+    datas = [mujoco.MjData(model) for _ in range(CORES)]
     size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     state = np.zeros(size)
     mujoco.mj_getState(model, datas[0], state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     states = np.tile(state, (BATCH, 1))
-    with Rollout(nthread=threads) as pool:
+    with Rollout(nthread=CORES) as pool:
         return BATCH / median_wall_s(lambda: pool.rollout(model, datas, states, nstep=STEPS))
 
 
@@ -78,7 +80,7 @@ def mujoco_fourbar(mechanism: Mechanism, integrator: str):
     import mujoco
 
     drawing = read_drawing(mechanism, None, engine="MuJoCo", kinds=mujoco_engine.KINDS)
-    spec = mujoco_engine._spec(drawing, assemble(drawing, None), (2 * STEP_S, 1.0))
+    spec = mujoco_spec(drawing, assemble(drawing, None), (2 * STEP_S, 1.0), Wall(RATE_PER_S), bare=False)
     spec.option.timestep = STEP_S
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
     return spec.compile()
@@ -96,8 +98,7 @@ def median_wall_s(work) -> float:
 
 def main() -> None:
     """One line a linkage."""
-    cores = len(os.sched_getaffinity(0))
-    print(f"{BATCH} rollouts of {STEPS} steps of 1 ms, {cores} cores: rollouts a second")
+    print(f"{BATCH} rollouts of {STEPS} steps of 1 ms, {CORES} cores: rollouts a second")
     fourbar = read_mechanism(SAMPLES / "fourbar" / "mechanism.json")
     peers = {
         "four-bar": {f"weld, {i}": mujoco_fourbar(fourbar, i) for i in ("implicitfast", "RK4")},

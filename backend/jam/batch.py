@@ -1,9 +1,10 @@
 """Jammed or not, for many samples of a drawing's parameters at once: no cause, no margin, two motions a sample.
 
 A sample is jammed where its motion ends at rest (`stuck`) and a copy without friction and play, let go from there,
-moves.  All samples of a chunk move together in one compiled program; one that cannot be followed is told as lost.
+moves.  The samples of a chunk move in one compiled program; one that cannot be followed is told as lost.
 """
 
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from backend.jam.follow import HALVINGS
@@ -28,7 +30,8 @@ from backend.simulate.run import OPEN_JOINT
 from backend.simulate.spectrum import real
 
 WATCHED = 250  # steps for which the ideal copy is followed
-CHUNK = 64  # samples that move together
+CHUNK = 64  # samples of one call
+TOGETHER = 16  # of them that move side by side: more wait for the one whose steps are hardest, and leave the cache
 
 
 @dataclass(frozen=True)
@@ -86,11 +89,18 @@ def _many(
     step_s: Array,
     steps: int,
 ) -> _Seen:
-    return jax.vmap(lambda values: _one(model, addresses, ideal, values, step_s, steps))(samples)
+    one = functools.partial(_one, model, addresses, ideal, step_s=step_s, steps=steps)
+    return lax.map(one, samples, batch_size=min(TOGETHER, len(samples)))
 
 
 def _one(
-    model: Model, addresses: tuple[Address, ...], ideal: tuple[Address, ...], values: Array, step_s: Array, steps: int
+    model: Model,
+    addresses: tuple[Address, ...],
+    ideal: tuple[Address, ...],
+    values: Array,
+    *,
+    step_s: Array,
+    steps: int,
 ) -> _Seen:
     own = model.with_parameters({address: values[k] for k, address in enumerate(addresses)})
     still = jnp.zeros((model.topology.slots, 6))

@@ -1,4 +1,4 @@
-"""Verdicts of many samples, chunk by chunk: in this process, or on the workers of a Dask scheduler.
+"""Verdicts of many samples, chunk by chunk: on the cores of this process, or on the workers of a Dask scheduler.
 
 A chunk is a pure function of its samples, told apart by its number: one that a worker took along when it died is
 asked again, and each number is answered once.  In flight are a few chunks a worker; no more is held.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Container, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -80,8 +81,19 @@ def answers(
     if address and places:
         yield from _spread(address, job, samples, places)
     else:
-        for place in places:
-            yield place, job.ask(samples[place])
+        yield from _threaded(job, samples, places)
+
+
+def _threaded(job: Job, samples: np.ndarray, places: list[slice]) -> Iterator[tuple[slice, Verdicts]]:
+    """A chunk a core; the first one alone, so that its program is compiled once."""
+    for place in places[:1]:
+        yield place, job.ask(samples[place])
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    with ThreadPoolExecutor(cores) as pool:
+        try:
+            yield from zip(places[1:], pool.map(lambda place: job.ask(samples[place]), places[1:]), strict=True)
+        finally:
+            pool.shutdown(cancel_futures=True)  # whoever stops asking waits for the chunks at work alone
 
 
 def _spread(address: str, job: Job, samples: np.ndarray, places: list[slice]) -> Iterator[tuple[slice, Verdicts]]:

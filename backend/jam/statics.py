@@ -145,7 +145,7 @@ def _raw(system: System, pose: Pose, q: Array) -> _Raw:
     opens = -jnp.einsum("wc,wck->wk", face.normal, eta[:, :2])
     rubs = jnp.einsum("wc,wck->wk", face.along, eta[:, :2]) + eta[:, 2]
     places, none = touch.PLACES * system.touches.count, jnp.zeros(())
-    met = meeting.meet(system, bodies, jnp.zeros(places), jnp.zeros(places), 0.0, none, jnp.full(places, jnp.inf), 1.0)
+    met = meeting.meet(system, bodies, jnp.zeros(places), jnp.zeros(places), 0.0, none, jnp.full(places, jnp.inf))
     bend = system.stiffness * (system.rest - q)
     return _Raw(
         jacobian=rows.jacobian,

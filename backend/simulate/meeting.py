@@ -18,7 +18,7 @@ from backend.simulate.contact import Push, Reach
 from backend.simulate.kinematics import Bodies
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import BodyRows
-from backend.simulate.piece import Piece
+from backend.simulate.piece import WHOLE, Piece
 from backend.simulate.small import apply_transposed
 
 
@@ -54,7 +54,7 @@ def meet(
     step_s: float | Array,
     weight: Array,
     most: Float[Array, "places"],
-    piece: Piece,
+    piece: Piece = WHOLE,
 ) -> Meeting:
     """Look at the bodies at q_k.
 

@@ -16,7 +16,7 @@ from backend.simulate.equations import Motion, lengthening, refreshed
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
-from backend.simulate.piece import WHOLE, Piece
+from backend.simulate.piece import Piece
 from backend.simulate.record import Record
 from backend.simulate.step import SOLUTION, Solved, step
 
@@ -73,14 +73,7 @@ def depart(system: System, start: Start) -> Motion:
         parting=meeting.partings(
             system,
             meeting.meet(
-                system,
-                bodies,
-                jnp.zeros(places),
-                jnp.zeros(places),
-                0.0,
-                jnp.zeros(()),
-                jnp.full(places, jnp.inf),
-                WHOLE,
+                system, bodies, jnp.zeros(places), jnp.zeros(places), 0.0, jnp.zeros(()), jnp.full(places, jnp.inf)
             ),
             start.velocity,
         ),
