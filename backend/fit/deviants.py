@@ -51,20 +51,27 @@ class Linearised:
         """What the deviations have to explain."""
         return self.X @ self.known - self.r
 
+    def then(self, d: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """All values, by a linear estimate, where these are the deviations."""
+        return self.values + self.moves @ (d - self.known)
+
     def possible(self, d: Float[np.ndarray, " p"]) -> bool:
         """Whether these deviations leave every value within its bounds, as far as a linear estimate can say."""
-        then = self.values + self.moves @ (d - self.known)
+        then = self.then(d)
         room = ROOM * np.abs(self.values - self.known)
         return bool(np.all(then >= self.lower - room) and np.all(then <= self.upper + room))
 
 
 @dataclass(frozen=True)
 class Deviants:
-    """Columns that deviate; for each, those that explain the data as well; and the least of any that would show."""
+    """Columns that deviate; for each, those that explain the data as well; the least of any that would show; and where
+    all values would be then, by a linear estimate.
+    """
 
     apart: tuple[int, ...]
     instead: dict[int, tuple[int, ...]]
     least: Float[np.ndarray, " p"]
+    values: Float[np.ndarray, " p"]
 
 
 def projected(
@@ -104,7 +111,7 @@ def deviants(seen: Linearised, floor: float, before: Sequence[int] = ()) -> Devi
     heard = np.flatnonzero(size > 0)
     least = np.full(size.size, np.inf)
     if heard.size == 0:
-        return Deviants((), {}, least)
+        return Deviants((), {}, least, seen.values)
     choice = _Choice(seen, heard, size[heard], seen.X[:, heard] / size[heard], seen.y, floor)
     d = _scaled_lasso(choice.unit, choice.y, seen.run >= 0, floor)
     # More deviations than half of the places are not deviations from what is shared.
@@ -121,7 +128,7 @@ def deviants(seen: Linearised, floor: float, before: Sequence[int] = ()) -> Devi
         _, sd = choice.refitted([*(j for j in kept if j != k), k])
         least[heard[k]] = choice.stands_out * sd[-1] / size[heard[k]]
     instead = {int(heard[k]): tuple(int(heard[j]) for j in choice.as_good(kept, k)) for k in kept}
-    return Deviants(tuple(sorted(instead)), instead, least)
+    return Deviants(tuple(sorted(instead)), instead, least, seen.then(choice.deviations(kept)))
 
 
 @dataclass(frozen=True)
@@ -164,11 +171,15 @@ class _Choice:
 
     def left(self, kept: Sequence[int]) -> float:
         """Sum of squares that these columns leave; infinite where a value would have to leave its bounds."""
+        d = self.deviations(kept)
+        return float(np.sum((self.y - self.seen.X @ d) ** 2)) if not kept or self.seen.possible(d) else np.inf
+
+    def deviations(self, kept: Sequence[int]) -> np.ndarray:
+        """Of every column, where these alone deviate, without a penalty."""
         A = self.unit[:, list(kept)]
-        d = np.linalg.pinv(A.T @ A) @ (A.T @ self.y)
         every = np.zeros(self.seen.known.size)
-        every[self.heard[list(kept)]] = d / self.size[list(kept)]
-        return float(np.sum((self.y - A @ d) ** 2)) if not kept or self.seen.possible(every) else np.inf
+        every[self.heard[list(kept)]] = np.linalg.pinv(A.T @ A) @ (A.T @ self.y) / self.size[list(kept)]
+        return every
 
     def exchanged(self, kept: Sequence[int]) -> list[int]:
         """As many columns, none of which another could replace and leave less."""

@@ -130,8 +130,7 @@ def fit_study(
         solution = search.at_full_length(smoothed(residuals.problem(), solution).x)
     strikes = model.of(AbstractJointClearance) or model.of(AbstractLinkContact)
     if solution.status == "rough" or (strikes and solution.converged):
-        pace.step("slopes over the distance that the data tell apart")
-        solution = smoothed(residuals.problem(), solution)
+        solution = search.over_distance(solution)
     p, rows = len(residuals.parameters), residuals.rows()
     known = [True] * p + [False] * (solution.x.size - p)
     uncertainty = assess(

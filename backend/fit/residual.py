@@ -72,17 +72,21 @@ class Residuals:
         sd = {f.name: (f.start, f.prior_sd) for f in self.parameters if f.prior_sd is not None}
         self.prior = GaussianPrior.of([f.name for f in self.parameters], sd) if sd else GaussianPrior.none()
 
+    @property
+    def strikes(self) -> bool:
+        """Whether parts may strike each other in any run."""
+        return any(run.strikes for run in self.runs)
+
     @cached_property
     def derivatives(self) -> Way:
         """How they are taken: as asked, or as costs least."""
-        strikes = any(run.strikes for run in self.runs)
-        if self.way == "adjoint" and strikes:
+        if self.way == "adjoint" and self.strikes:
             raise ValueError(
                 "Parts that may strike each other have no derivatives backwards in time: leave `derivatives` out, or "
                 "ask for forward ones."
             )
         profiled = len(self.parameters) if self.profiles else 0
-        return self.way or cheapest(len(self.names), profiled, sum(run.rollout_s for run in self.runs), strikes)
+        return self.way or cheapest(len(self.names), profiled, sum(run.rollout_s for run in self.runs), self.strikes)
 
     @property
     def names(self) -> list[str]:

@@ -12,6 +12,7 @@ from backend.fit.checkpoint import Checkpoint
 from backend.fit.loss import LossName
 from backend.fit.pace import Pace
 from backend.fit.residual import Residuals
+from backend.fit.secant import smoothed
 from backend.fit.solve import Iteration, Optimiser, Solution, robust_weights, solve
 from backend.fit.starts import best_of
 
@@ -19,6 +20,7 @@ FIRST_STEPS = 12  # spent on a part of the records at most: the whole of them de
 PART, WHOLE = 4.0, 10.0  # iterations that a part of the records, or the whole of them, usually takes
 LOST, FOLLOWED = 0.12, 0.5  # rad or mechanism lengths, as a diagnosis has it; share of it that is still followed
 BETWEEN, NEAREST = 6, 1.1  # parts more than asked at most; how much longer each is at least
+REWEIGHED = 3  # times at most
 SETTLED = 0.02  # change of the misfit that weighs the samples, beyond which they are fitted again
 
 
@@ -94,6 +96,21 @@ class Search:
             if abs(self.residuals.learn_spread(x) - weighed) < SETTLED * weighed and ftol < 1e-3:
                 break
         return self._reweighted(found)
+
+    def over_distance(self, solution: Solution) -> Solution:
+        """Slopes over the distance that the data tell apart (see `secant`), and the end that they lead to, in weights
+        that belong to it.
+        """
+        for _ in range(REWEIGHED):
+            self.pace.step("slopes over the distance that the data tell apart")
+            solution = smoothed(self.residuals.problem(), solution)
+            weighed = self.residuals.spread
+            if abs(self.residuals.learn_spread(solution.x) - weighed) < SETTLED * weighed:
+                self.residuals.spread = weighed
+                break
+            r, J = self.residuals.evaluate(solution.x)
+            solution = replace(solution, residual=r, jacobian=J, objective=0.5 * float(r @ r))
+        return solution
 
     def _reweighted(self, found: Solution | None) -> Solution:
         """The solution in the final weights, which differ by a few percent from those of its search."""

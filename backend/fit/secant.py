@@ -8,6 +8,7 @@ are settled together (statistical linearisation, cf. Gelb 1974, Applied Optimal 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +32,7 @@ def smoothed(problem: LeastSquares, found: Solution) -> Solution:
     x, r, J, objective = found.x, found.residual, found.jacobian, found.objective
     sd, evaluations = _deviations(problem, x, J, WIDER), found.evaluations
     for _ in range(ROUNDS):
-        J, around = _secants(problem, x, r, FAR * sd)
+        J, around = secants(problem, x, r, FAR * sd, range(x.size))
         evaluations += 2 * x.size
         trial = np.clip(x + step_within(problem, x, J, around), problem.lower, problem.upper)
         at = problem.residual(trial)
@@ -57,15 +58,15 @@ def _deviations(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], w
     return np.clip(sd, np.minimum(LEAST * np.abs(x) + 1e-9 * reach, MOST * reach), MOST * reach)
 
 
-def _secants(
-    problem: LeastSquares, x: Vector, r: Float[np.ndarray, " n"], reach: Vector
-) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, " n"]]:
+def secants(
+    problem: LeastSquares, x: Vector, r: Float[np.ndarray, " n"], reach: Vector, columns: Sequence[int]
+) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, " n"]]:
     """Differences over a reach each way, and the mean residual around x, whose roughness is averaged out.
 
     On one side where a bound is nearer or a motion is lost; such a pair stays out of the mean.
     """
-    J, around, points = np.zeros((r.size, x.size)), r.copy(), 1
-    for j in range(x.size):
+    J, around, points = np.zeros((r.size, len(columns))), r.copy(), 1
+    for k, j in enumerate(columns):
         ends = []
         for side in (1.0, -1.0):
             moved = x.copy()
@@ -74,7 +75,7 @@ def _secants(
             ends.append((moved[j], at) if np.all(np.isfinite(at)) else (x[j], r))
         (high, above), (low, below) = ends
         if high > low:
-            J[:, j] = (above - below) / (high - low)
+            J[:, k] = (above - below) / (high - low)
         if np.isclose(high - x[j], x[j] - low, rtol=1e-6):
             around, points = around + above + below, points + 2
     return J, around / points

@@ -14,9 +14,11 @@ from backend.fit.identifiability import Uncertainty
 from backend.fit.residual import Residuals
 from backend.fit.run import Run
 from backend.fit.search import Search
+from backend.fit.secant import MOST, secants
 from backend.fit.solve import Solution
 from backend.mechanism.fit_report import Deviation
 
+SHARES = (0.0, 0.25, 0.5, 1.0)  # of the way to what was named: where the fit goes on from is the best of them
 ROUNDS = 6  # of naming and fitting; names that still change then are said to
 
 
@@ -50,12 +52,16 @@ class Sparse:
             if solution.status == "cancelled":
                 self.settled = False
                 return solution
+            if self.full.strikes:
+                solution = search.over_distance(solution)
+                search.pace.step("slopes of each place over half its value")
             self.named = self._name(solution, apart)
             self.settled = self.named.apart == apart
             if self.settled:
                 return solution
             apart = self.named.apart
-            begin, history = self._full(solution.x), [self._full(step.parameters) for step in search.history]
+            begins = list(self._begins(solution.x))
+            history = [self._full(step.parameters) for step in search.history]
             spread, memory = self.few.spread, self.few.memory
             self.tie(apart)
             self.few.spread, self.few.memory = spread, memory
@@ -63,9 +69,22 @@ class Sparse:
             search.history[:] = [
                 replace(step, parameters=self._few(x)) for step, x in zip(search.history, history, strict=True)
             ]
-            # A place that leaves the others begins at their value.
-            solution = search.at_full_length(self._few(begin), "fitting what deviates")
+            begin = min((self._few(x) for x in begins), key=self._objective)
+            solution = search.at_full_length(begin, "fitting what deviates")
         return solution
+
+    def _begins(self, x: np.ndarray) -> Iterator[np.ndarray]:
+        """All values where they are, and on the way to where what was named would take them."""
+        here = self._full(x)
+        there, problem = here.copy(), self.full.problem()
+        if self.named is not None:
+            there[self._candidates()] = self.named.values
+        for share in SHARES:
+            yield np.clip(here + share * (there - here), problem.lower, problem.upper)
+
+    def _objective(self, x: np.ndarray) -> float:
+        r = self.few.residual(x)
+        return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def run(self, run: Run) -> Run:
         """An experiment that was not fitted, tied alike."""
@@ -108,26 +127,37 @@ class Sparse:
 
     def _name(self, solution: Solution, apart: Sequence[int]) -> Deviants:
         self.full.spread, self.full.memory = self.few.spread, self.few.memory
-        x = self._full(solution.x)
-        r, J = self.full.evaluate(x)
+        x, candidates = self._full(solution.x), self._candidates()
+        places, own = len(self.full.parameters), range(len(self.few.parameters), solution.x.size)
+        others = [*(self._column(i) for i in range(places) if i not in candidates), *own]
         root = np.sqrt(solution.weights)
-        r, J = root * r, root[:, None] * J
-        candidates = self._candidates()
+        r, common = root * solution.residual, root[:, None] * solution.jacobian[:, others]
+        each = root[:, None] * self._slopes(x, solution.residual)
         group = np.repeat(np.arange(len(self.groups)), [len(g.members) for g in self.groups])
         shared = np.array([float(solution.x[self._column(self._mate(i))]) for i in candidates])
         lower, upper = np.array([(self.full.parameters[i].lower, self.full.parameters[i].upper) for i in candidates]).T
         rows = self.full.rows()
         found = deviants(
             projected(
-                r, J[:, candidates], group, np.delete(J, candidates, axis=1), x[candidates] - shared, x[candidates],
+                r, each, group, common, x[candidates] - shared, x[candidates],
                 (lower, upper), rows.run, rows.instant,
             ),
             1.0 / self.full.spread,
             [candidates.index(i) for i in apart],
         )  # fmt: skip
-        return Deviants(
-            tuple(candidates[c] for c in found.apart), {candidates[c]: v for c, v in found.instead.items()}, found.least
-        )
+        instead = {candidates[c]: v for c, v in found.instead.items()}
+        return replace(found, apart=tuple(candidates[c] for c in found.apart), instead=instead)
+
+    def _slopes(self, x: np.ndarray, r: np.ndarray) -> Float[np.ndarray, "n c"]:
+        """Of the residuals in each candidate; over half its value where parts may strike each other: a deviation that
+        is worth naming is no smaller, and at a point they are rough.
+        """
+        candidates = self._candidates()
+        if not self.full.strikes:
+            return self.full.evaluate(x)[1][:, candidates]
+        problem = replace(self.full.problem(), residual=self.full.residual)  # no derivatives beside it
+        reach = MOST * np.where(x == 0.0, problem.scale, np.abs(x))
+        return secants(problem, x, r, reach, candidates)[0]
 
     def _candidates(self) -> list[int]:
         return [i for group in self.groups for i in group.members]
