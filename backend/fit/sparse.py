@@ -19,6 +19,7 @@ from backend.fit.solve import Solution
 from backend.mechanism.fit_report import Deviation
 
 SHARES = (0.0, 0.25, 0.5, 1.0)  # of the way to what was named: where the fit goes on from is the best of them
+KEPT = 0.5  # of what a name brings, that another place must lose to be ruled out
 ROUNDS = 6  # of naming and fitting; names that still change then are said to
 
 
@@ -47,7 +48,7 @@ class Sparse:
         """From the fit of shared values, name what deviates and fit again, until the names stay. A fit that ended
         before it converged is named by, too: what deviates may be why.
         """
-        apart: tuple[int, ...] = ()
+        apart, abandoned = (), set[tuple[int, ...]]()
         for _ in range(ROUNDS):
             if solution.status == "cancelled":
                 self.settled = False
@@ -56,6 +57,12 @@ class Sparse:
                 solution = search.over_distance(solution)
                 search.pace.step("slopes of each place over half its value")
             self.named = self._name(solution, apart)
+            if self.named.apart in abandoned:  # where a linear estimate would lead back to
+                self.named = replace(self.named, apart=apart, instead=dict.fromkeys(apart, ()))
+            if self.named.apart == apart and self.full.strikes:
+                search.pace.step("what is named, tried at every other place")
+                self.named = self._tried(self._full(solution.x), self.named)
+                abandoned |= {apart} - {self.named.apart}
             self.settled = self.named.apart == apart
             if self.settled:
                 return solution
@@ -72,6 +79,33 @@ class Sparse:
             begin = min((self._few(x) for x in begins), key=self._objective)
             solution = search.at_full_length(begin, "fitting what deviates")
         return solution
+
+    def _tried(self, x: np.ndarray, named: Deviants) -> Deviants:
+        """The names after each was tried at every other place of its group, with the value that it has: a linear
+        estimate cannot tell neighbours apart where parts strike. A place that explains the data better takes the name;
+        one that keeps more than half of what the name brings could be it, too.
+        """
+        candidates, instead = self._candidates(), dict(named.instead)
+        here = self._left(x)
+        for i in named.apart:
+            without = x.copy()
+            without[i] = x[self._mate(i)]
+            brought = self._left(without) - here
+            places = [j for g in self.groups if i in g.members for j in g.members if j not in named.apart]
+            moved = {j: np.where(np.arange(x.size) == j, x[i], without) for j in places}
+            lost = {j: self._left(moved[j]) - here for j in places}
+            best = min(places, key=lambda j: lost[j])
+            if lost[best] < 0.0:
+                apart = tuple(sorted(best if k == i else k for k in named.apart))
+                return replace(named, apart=apart, instead=dict.fromkeys(apart, ()), values=moved[best][candidates])
+            near = {candidates.index(j) for j in places if lost[j] < KEPT * brought}
+            instead[i] = tuple(sorted(near.union(instead[i])))
+        return replace(named, instead=instead)
+
+    def _left(self, x: np.ndarray) -> float:
+        """Sum of squares, every place with its own value."""
+        r = self.full.residual(x)
+        return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def _begins(self, x: np.ndarray) -> Iterator[np.ndarray]:
         """All values where they are, and on the way to where what was named would take them."""

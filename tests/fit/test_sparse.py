@@ -1,11 +1,15 @@
 """One bad joint among the pins of a scissor, and none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from backend.fit.alike import Alike
+from backend.fit.deviants import Deviants
+from backend.fit.sparse import Sparse
 from backend.mechanism.study import Experiment, Release, Study
 from tests.mechanisms import Z, bar, drawing, effect
 
@@ -144,3 +148,29 @@ def test_nothing_to_share_is_refused(seen):
 
     with pytest.raises(ValueError, match="could be shared: a sparse fit needs values of one kind at three places"):
         fit_study(seen(1), ["viscous_friction:mid0,viscous_friction:mid1"], sparse=True)
+
+
+def named_elsewhere(truth: int, named: int, alike: float = 0.0):
+    """What becomes of a name among four places of which one holds 3 and the others 1; place 2 does as place 1 does,
+    but for a share.
+    """
+    A = np.eye(4)
+    A[:, 2] = alike * A[:, 1] + (1.0 - alike) * A[:, 2]
+    real, x = np.ones(4), np.ones(4)
+    real[truth], x[named] = 3.0, 3.0
+    sparse = object.__new__(Sparse)
+    sparse.groups = [Alike((0, 1, 2, 3), everywhere=True)]
+    sparse.full = SimpleNamespace(residual=lambda x: A @ (x - real))
+    sparse.matrix = np.column_stack([np.arange(4) != named, np.arange(4) == named]).astype(float)
+    return sparse._tried(x, Deviants((named,), {named: ()}, np.ones(4), x))
+
+
+def test_a_place_that_explains_the_data_better_takes_the_name():
+    found = named_elsewhere(truth=2, named=1)
+    assert found.apart == (2,)
+    np.testing.assert_array_equal(found.values, [1.0, 1.0, 3.0, 1.0])
+
+
+def test_a_place_that_does_nearly_the_same_could_be_it():
+    assert named_elsewhere(truth=1, named=1).instead == {1: ()}
+    assert named_elsewhere(truth=1, named=1, alike=0.9).instead == {1: (2,)}
