@@ -117,9 +117,7 @@ class Climb:
             return best, last
         if refused:
             self._tell(f"held-out experiments refuse {' + '.join(best.names)}")
-        for cause in self.search.tuning(self.baseline, best):
-            if self._likelier(cause, best):
-                best, last = self._judged(cause)
+        best, last = self._tuned(best, last)
         if self._settled(best, last):
             return best, last
         asked = self._asked_of(best, last, refused)
@@ -145,11 +143,28 @@ class Climb:
                 for cause in search.switching(self.baseline, family, motion, best, alone)[:1]:
                     self.search.tried[cause.names] = cause
                     cause, judged = self._judged(cause, search)
-                    larger = len(cause.candidates) > len(best.candidates)
-                    if self._better(cause, best, judged, last) if larger else self._likelier(cause, best):
+                    if self._accepted(cause, best, judged, last):
                         best, last = self._closer(cause, judged, search)
             if self._settled(best, last):
                 break
+        return best, last
+
+    def _tuned(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """The best set, or a cause that no slope leads to: alone, or beside the likeliest single one, or beside another
+        that the same motion shows once it is there.
+        """
+        beside = self._best_alone()
+        for cause in self.search.tuning(self.baseline, best):
+            if self._likelier(cause, best):
+                best, last = self._judged(cause)
+        if beside is None or self._settled(best, last):
+            return best, last
+        for cause in self.search.tuning(beside, best):
+            cause, judged = self._judged(cause)
+            if self._accepted(cause, best, judged, last):
+                best, last = cause, judged
+                if not self._settled(best, last):
+                    best, last = self._exchanged(best, last, WORTH)
         return best, last
 
     def _closer(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
@@ -318,6 +333,12 @@ class Climb:
         gain = log_evidence(scaled(top.fitted, width)) - log_evidence(scaled(best.fitted, width))
         asked = max(WORTH, np.log(len(self.search.subject.library.candidates)) + 2.0)
         return gain > asked and judged.power < SAME_POWER * max(found.power, NOTHING)
+
+    def _accepted(self, cause: Cause, best: Cause, judged: Adequacy, last: Adequacy) -> bool:
+        """Whether a cause takes the best one's place: a larger one has to earn it."""
+        if len(cause.candidates) > len(best.candidates):
+            return self._better(cause, best, judged, last)
+        return self._likelier(cause, best)
 
     def _little(self, top: Cause, judged: Adequacy, depth: int) -> bool:
         """Too little is left to bear one more effect: it would be a wrong form's remainder that gets a name."""

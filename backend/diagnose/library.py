@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from backend.effects.catalogue import catalogue
 from backend.effects.effect import AbstractEffect
@@ -56,8 +57,10 @@ class Candidate:
     parameters: tuple[FreeParameter, ...]
     takes: tuple[tuple[int, ...], ...]
     family: str
-    tries: tuple[tuple[float, ...], ...] = ()
-    """For each of its numbers, values worth trying where its slope is nothing; empty for sizes, which have one."""
+    tries: tuple[tuple[float, ...], ...]
+    """For each of its numbers, values worth trying where its slope is nothing because the effect is absent; empty for
+    sizes, which have one.
+    """
     partial: bool = False
     """Whether it frees one number of several that are absent each by itself, as the ends of a joint's travel are."""
     closer: tuple[Candidate, ...] = ()
@@ -91,9 +94,22 @@ class Candidate:
         return np.array([p.prior_sd for p in self.parameters], float)
 
     @property
+    def sizes(self) -> np.ndarray:
+        """Which numbers say how much of it there is; the others only which shape it has."""
+        return np.array([not worth for worth in self.tries], bool)
+
+    @property
     def one_sided(self) -> np.ndarray:
         """Which numbers cannot fall below where they start."""
         return np.array([p.lower >= p.start for p in self.parameters])
+
+    def allows(self, step: Float[np.ndarray, "*draws own"]) -> Bool[np.ndarray, " *draws"]:
+        """Whether steps of its numbers lead where it can go, if one number says how much of it there is: friction does
+        not drive.
+        """
+        if self.sizes.sum() != 1:
+            return np.ones(step.shape[:-1], bool)
+        return ~np.any((step < 0) & self.one_sided & self.sizes, axis=-1)
 
     def ties(self, count: int) -> np.ndarray:
         """(count, own): from its numbers to the library's."""
@@ -128,7 +144,7 @@ def family_of(effect: type[AbstractEffect]) -> str:
 
 def _grows_with_load(effect: type[AbstractEffect]) -> bool:
     """Friction whose limit no number of its own but a coefficient gives couples the joints' rows."""
-    return all(d.unit == "1" for d in effect.declarations().values())
+    return all(d.unit == "1" for d in effect.declarations().values() if not d.by_name)
 
 
 def families(without: frozenset[str] = frozenset()) -> dict[str, tuple[str, ...]]:
@@ -176,7 +192,10 @@ def library(
         own = known.get(p.name)
         wide.append(max(sd, KNOWN_ENOUGH * own) if sd is not None and own is not None else sd)
     rows = [table[p.addresses[0]] for p in found]
-    tries = [tuple(t * row.natural for t in row.declaration.tries) for row in rows]
+    tries = [
+        () if p.addresses[0][0] not in added else tuple(t * row.natural for t in row.declaration.tries)
+        for p, row in zip(found, rows, strict=True)
+    ]
     found = [replace(p, start=t[0]) if len(t) == 1 else p for p, t in zip(found, tries, strict=True)]
     as_causes = [
         replace(p, prior_sd=sd, start=0.0 if _out_of_reach(p, sd) else p.start)
@@ -221,13 +240,9 @@ def _out_of_reach(p: FreeParameter, sd: float | None) -> bool:
 
 def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
     """The kind everywhere; place by place where it cannot act at all of them."""
-    declared = catalogue()[kind].declarations().items()
-    named = [
-        f"{kind}:*.{name}" for name, d in declared
-        if d.by_name and (d.expected is not None or d.unstated is not None)
-    ]  # fmt: skip
+    everywhere = [j.id for j in mechanism.joints]
     try:
-        freedom = free_parameters(mechanism, [f"{kind}:*", *named])
+        freedom = free_parameters(mechanism, _asked(mechanism, kind, "*", everywhere))
     except ValueError:
         return []  # it acts nowhere in this mechanism
     try:
@@ -237,12 +252,25 @@ def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
         found = []
         for on in dict.fromkeys(p.on for p in freedom.parameters):
             try:
-                one = free_parameters(mechanism, [s.replace("*", "+".join(on)) for s in (f"{kind}:*", *named)])
+                one = free_parameters(mechanism, _asked(mechanism, kind, "+".join(on), on))
                 build(mechanism, one.added)
                 found.append(one)
             except ValueError:
                 continue
         return found
+
+
+def _asked(mechanism: Mechanism, kind: str, place: str, on: Sequence[str]) -> list[str]:
+    """What is free at a place, which names these joints or none: what is freed by itself, and by name what a joint of
+    its type has.
+    """
+    types = {j.type for j in mechanism.joints if j.id in on}
+    named = [
+        name for name, d in catalogue()[kind].declarations().items()
+        if d.by_name and (d.expected is not None or d.unstated is not None)
+        and (d.joint_types is None or types & set(d.joint_types))
+    ]  # fmt: skip
+    return [f"{kind}:{place}", *(f"{kind}:{place}.{name}" for name in named)]
 
 
 def _candidates(

@@ -24,7 +24,7 @@ def overpromise(best: Cause, causes: Sequence[Cause], scale: float) -> float:
     order about one motion friction of one kind may leave less than the same friction leaves once it is fitted.
     """
     subject = best.fitted.subject
-    bare, S = scaled(without_causes(best.fitted), scale), library_slopes(best.fitted, SAME) / scale
+    bare, S = scaled(without_causes(best.fitted), scale), library_slopes(best.fitted, SAME, best.candidates) / scale
     count = len(subject.library.candidates)
 
     def weight(members: Sequence[Candidate], z: float) -> float:

@@ -101,16 +101,17 @@ class Probe(Run):
         self._last = x, made
         return made
 
-    def all_slopes(self, values: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """(samples, all): derivative in every parameter of the library."""
-        return self.slopes(values, own, np.eye(self.neutral.size))
-
     def slopes(self, values: np.ndarray, own: np.ndarray, directions: Float[np.ndarray, "k all"]) -> np.ndarray:
         """(samples, k): derivative along directions in the library's parameters."""
         x = self._x(values, own)
         wide = np.zeros((directions.shape[0], x.size))
         wide[:, : directions.shape[1]] = directions
         return self.along(x, wide)[1]
+
+    def kick_slopes(self, values: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """(samples, mobility): response to the rates at which the mechanism is let go."""
+        x = self._x(values, own)
+        return self.along(x, np.eye(x.size)[x.size - self.mobility :])[1]
 
     def drive_slopes(self, values: np.ndarray, own: np.ndarray, drives: int) -> np.ndarray:
         """(samples, drives, waves): response to each unknown drive, the last `drives` columns of the record."""

@@ -33,6 +33,7 @@ from backend.model.build import build
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
 CLOSE = 8  # explanations that held-out experiments are asked about
 NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its name, though its form is not the last
+ON_THE_WAY = 2  # smaller sets about whose motion laws of unknown form are weighed, too
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
 
 Progress = Callable[[float, str], None]
@@ -175,9 +176,8 @@ class _Inquiry:
         same = baseline if baseline.fitted.fraction == best.fitted.fraction else None
         count = len(self.subject.library.candidates)
         if best.candidates:
-            raw = forces(best.fitted.subject, best.fitted, SAME)
-            near = responses(best.fitted.subject, best.fitted, raw)
-            model_free = unknown_evidence(best.fitted, near, raw, self.scale / np.sqrt(soft))
+            ways = [self.unknown_about(c, soft) for c in (best, *self.on_the_way(best, exact))]
+            model_free = max(ways, key=lambda z: log_mean(list(z.values())))
         unknown = log_mean(list(model_free.values())) if model_free else None
         if unknown is not None and exact and best.candidates:
             unknown -= overpromise(best, causes, self.scale)
@@ -224,6 +224,23 @@ class _Inquiry:
         return Diagnosis(
             made, self.subject, baseline, best, belief, free, missing, tuple(first), tuple(after), self.scale
         )
+
+    def unknown_about(self, cause: Cause, soft: float) -> dict[str, float]:
+        """Log evidence of laws of unknown form, to first order about a cause's motion."""
+        raw = forces(cause.fitted.subject, cause.fitted, SAME)
+        near = responses(cause.fitted.subject, cause.fitted, raw)
+        return unknown_evidence(cause.fitted, near, raw, self.scale / np.sqrt(soft))
+
+    def on_the_way(self, best: Cause, exact: bool) -> list[Cause]:
+        """Smaller sets on the way to one that does not fit: where several effects at once imitate something, what they
+        do together is far from linear, and a law of unknown form may be told from them about fewer of them only.
+        """
+        parts = [
+            c for c in self.search.tried.values()
+            if c.candidates and set(c.names) < set(best.names) and c.fitted.fraction == best.fitted.fraction
+            and c.fitted.subject is best.fitted.subject
+        ]  # fmt: skip
+        return [] if exact or len(best.candidates) <= SURE else sorted(parts, key=lambda c: -c.log_z)[:ON_THE_WAY]
 
     def warnings_of(self, verdict: str, shrunk: Shrinkage | None) -> list[str]:
         """What cannot be concluded from this study, and why."""

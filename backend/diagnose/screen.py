@@ -46,9 +46,7 @@ class Screen:
         S = self.signature(candidate)
         b, H = S.T @ self.r, S.T @ S + np.diag(candidate.prior_sd**-2.0)
         step = np.linalg.solve(H, b)
-        if candidate.one_sided.any() and np.any(step[candidate.one_sided] < 0) and len(step) == 1:
-            return 0.0
-        return float(b @ step)
+        return float(b @ step) if candidate.allows(step) else 0.0
 
     def guess(self, candidate: Candidate) -> dict[str, float]:
         """First-order values of the candidate's numbers, by name."""
@@ -114,9 +112,7 @@ class Screen:
             H = T.T @ G @ T + np.diag(c.prior_sd**-2.0)
             b = draws @ T
             step = np.linalg.solve(H, b.T).T
-            gain = np.sum(b * step, 1)
-            if len(c.parameters) == 1 and c.one_sided[0]:
-                gain = np.where(step[:, 0] < 0, 0.0, gain)
+            gain = np.where(c.allows(step), np.sum(b * step, 1), 0.0)
             largest = np.maximum(largest, gain)
             seen = max(seen, self.gain(c))
         return float((1.0 + np.sum(largest >= seen)) / (DRAWS + 1.0))
@@ -128,14 +124,14 @@ def containing(about: Screen, candidates: Sequence[Candidate]) -> dict[str, list
     for wide in candidates:
         if any(wide.tries):
             for c in candidates:
-                if c.on == wide.on and len(c.parameters) == 1 and _contains(about, wide, c):
+                if c.on == wide.on and c.sizes.sum() == 1 < wide.sizes.sum() and _contains(about, wide, c):
                     found.setdefault(c.name, []).append(wide)
                     break
     return found
 
 
 def _contains(about: Screen, wide: Candidate, c: Candidate) -> bool:
-    done = about.signature(c)[:, 0]
+    done = about.signature(c)[:, c.sizes][:, 0]
     return bool(np.any(done)) and about.imitated(wide, done) is not None
 
 
@@ -182,18 +178,31 @@ def screen(subject: Subject, fitted: Fitted) -> Screen:
     return replace(whole, early=_projected(subject, fitted, S[first], fitted.r[first], fitted.J[first]))
 
 
-def library_slopes(fitted: Fitted, within: float = ALIKE) -> Float[np.ndarray, "n parameters"]:
-    """Whitened slopes of every parameter of the library, about a fit or one that moves alike."""
+def library_slopes(
+    fitted: Fitted, within: float = ALIKE, present: Sequence[Candidate] = ()
+) -> Float[np.ndarray, "n parameters"]:
+    """Whitened slopes of every parameter of the library, about a fit or one that moves alike. Shapes of what is absent
+    have none; present: those whose shapes are asked for.
+    """
     subject = fitted.subject
-    seer = Seer(subject, fitted.probes, fitted.fraction)
+    seer, known = Seer(subject, fitted.probes, fitted.fraction), subject.library
+    absent = np.zeros(len(known.parameters), bool)
+    for c in known.candidates:
+        absent[[i for take, size in zip(c.takes, c.sizes, strict=True) if not size for i in take]] = True
+    for c in present:
+        absent[[i for take in c.takes for i in take]] = False
+    telling = np.flatnonzero(~absent)
+    directions = np.eye(absent.size)[telling]
 
     def one(i: int) -> np.ndarray:
-        return seer.white[i](np.nan_to_num(fitted.probes[i].all_slopes(fitted.values, fitted.own(i))))
+        return seer.white[i](np.nan_to_num(fitted.probes[i].slopes(fitted.values, fitted.own(i), directions)))
 
     def sweep() -> np.ndarray:
-        return np.concatenate(subject.over(one, range(len(fitted.probes))))
+        S = np.zeros((seer.count, absent.size))
+        S[:, telling] = np.concatenate(subject.over(one, range(len(fitted.probes))))
+        return S
 
-    return subject.alike("library", fitted.r, sweep, within)
+    return subject.alike(" ".join(["library", *(c.name for c in present)]), fitted.r, sweep, within)
 
 
 def _projected(subject: Subject, fitted: Fitted, S: np.ndarray, r: np.ndarray, J: np.ndarray) -> Screen:

@@ -2,8 +2,8 @@
 
 At a joint, a force that depends on where the joint is, how fast it moves and how fast it speeds up, the same in every
 experiment; of a marker or the whole picture, a shift that depends on where it is seen, a flutter, or a clock that runs
-unevenly; or, with no law at all, forces and shifts against time. Each is a handful of columns with sizes that are not
-known beforehand, and pays for them in evidence as every cause does.
+unevenly; of the whole rig, a kick at the release; or, with no law at all, forces and shifts against time. Each is a
+handful of columns with sizes that are not known beforehand, and pays for them in evidence as every cause does.
 """
 
 from __future__ import annotations
@@ -59,11 +59,12 @@ def _law_evidence(bare: Fitted, L: Float[np.ndarray, "n terms"], few: bool) -> f
 
 
 def without_causes(fitted: Fitted) -> Fitted:
-    """The same motion and slopes, with what the causes do left unexplained."""
+    """The same motion and slopes, with what the causes do left unexplained: of no size, they have no shape either."""
     own, choice = fitted.choice.own, fitted.subject.choose()
     kept = [p.name for p in choice.parameters]
     names = [p.name for p in fitted.choice.parameters]
-    shift = fitted.values[:own] - fitted.choice.start[:own]
+    sizes = np.concatenate([np.zeros(0, bool), *(c.sizes for c in fitted.choice.candidates)])
+    shift = np.where(sizes, fitted.values[:own] - fitted.choice.start[:own], 0.0)
     r, rest = fitted.r + fitted.J[:, :own] @ shift, fitted.J[:, own:]
     x, precision = fitted.x[own:], fitted.precision[own:]
     if missing := [i for i, n in enumerate(kept) if n not in names[own:]]:  # tolerances that a cause had taken
@@ -94,6 +95,7 @@ def laws_of(
                 sizes = np.linalg.solve(G + RIDGE * np.trace(G) / len(G) * np.eye(len(G)), B.T @ shape)
                 columns.append(white(response[:, j] @ sizes))
             made.setdefault(f"joint:{id}", []).append((few, np.concatenate(columns)))
+    made["world"] = [(False, kick) for kick in _kicks(fitted, seer)]
     markers, axes = markers_and_axes(fitted)
     if markers:
         made["camera"] = [(True, np.concatenate([warp(fitted, seer, axes), _clock(fitted, seer)], 1))]
@@ -135,6 +137,14 @@ def _forms(
 def _hats(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n hats"]:
     """Bumps over -1 to 1, as in time."""
     return bumps_at(x + 1.0, 2.0, HATS)
+
+
+def _kicks(fitted: Fitted, seer: Seer) -> list[Float[np.ndarray, "n kicks"]]:
+    """Responses to rates that the release gives, the same in every experiment or of each by itself."""
+    found = []
+    for i, (p, white) in enumerate(zip(fitted.probes, seer.white, strict=True)):
+        found.append(white(np.nan_to_num(p.kick_slopes(fitted.values, fitted.own(i)))))
+    return [np.concatenate(found), np.asarray(block_diag(*found))]
 
 
 def _clock(fitted: Fitted, seer: Seer) -> Float[np.ndarray, "n powers"]:

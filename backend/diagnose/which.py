@@ -167,16 +167,24 @@ class Search:
         return found
 
     def _join(
-        self, parent: Cause, about: Screen, candidate: Candidate, fits: list[Fitted], rival: Cause | None
+        self,
+        parent: Cause,
+        about: Screen,
+        candidate: Candidate,
+        fits: list[Fitted],
+        rival: Cause | None,
+        simple: Fitted | None = None,
     ) -> None:
-        """Fit a parent with one candidate more, unless that was tried."""
+        """Fit a parent with one candidate more, unless that was tried. simple: the fit of a form that the candidate
+        contains, where it begins.
+        """
         names = tuple(sorted([*parent.names, candidate.name]))
         if names in self.tried or names in self.asked or self.cancelled():
             return
         self.asked.add(names)
         self.tell(f"trying {' + '.join(names)}")
         choice = self.subject.choose(*parent.candidates, candidate)
-        begin, values = self._beginning(parent.fitted, about, candidate, fits)
+        begin, values = self._beginning(parent.fitted, about, candidate, fits, simple)
         horizons = self._horizons(parent)
         horizons = horizons if about is self.screen(parent) else (EARLY * horizons[0], *horizons)
         fitted = self._near(rival, choice, _from(begin, choice, values), horizons)
@@ -209,25 +217,22 @@ class Search:
             return
         plain, best = list(fits), min(fits, key=lambda f: f.chi2)
         for candidate in wider.get(best.choice.candidates[-1].name, ()):
-            self._join(parent, about, candidate, fits, rival)
+            self._join(parent, about, candidate, fits, rival, best)
         better = {f.choice.candidates[-1].kind for f in fits[len(plain) :] if best.chi2 - f.chi2 > WIDER}
         for simple in plain:
             for candidate in wider.get(simple.choice.candidates[-1].name, ()):
                 if simple is not best and candidate.kind in better:
-                    self._join(parent, about, candidate, fits, rival)
+                    self._join(parent, about, candidate, fits, rival, simple)
 
     def _beginning(
-        self, parent: Fitted, about: Screen, candidate: Candidate, fits: Sequence[Fitted]
+        self, parent: Fitted, about: Screen, candidate: Candidate, fits: Sequence[Fitted], simple: Fitted | None
     ) -> tuple[Fitted, dict[str, float]]:
-        """The fit to begin from, and values for a candidate that joins it: where the best of two ended that do the
-        same as it (every hinge of a scissor rubs alike), or at the parent with a guess.
+        """The fit to begin from, and values for a candidate that joins it: where a simpler form ended, or the best of
+        two that do the same as it (every hinge of a scissor rubs alike), or at the parent with a guess.
         """
-        alike = []
-        for f in fits:
-            other = f.choice.candidates[-1]
-            change = (f.values - f.choice.start)[f.choice.own - len(other.parameters) : f.choice.own]
-            if values := about.imitated(candidate, about.signature(other) @ change):
-                alike.append((f, values))
+        if simple is not None and (values := _as(simple, about, candidate)):
+            return simple, values
+        alike = [(f, values) for f in fits if (values := _as(f, about, candidate))]
         if len(alike) > 1:  # the first may have ended in a place of its own
             return min(alike, key=lambda pair: pair[0].chi2)
         return parent, about.guess(candidate)
@@ -295,18 +300,19 @@ class Search:
             fits = [f for f in grown if f.miss < max(REACH, BEHIND * best)]
         return fits
 
-    def tuning(self, baseline: Cause, rival: Cause) -> list[Cause]:
-        """Candidates with numbers that no slope leads to: the best of some values, then fitted.
+    def tuning(self, parent: Cause, rival: Cause) -> list[Cause]:
+        """A parent with a candidate more whose numbers no slope leads to: the best of some values, then fitted.
 
         rival: the best set, which they must come near on their way to whole records.
         """
         made = []
         for candidate in self.subject.library.candidates:
-            if candidate.sought and (candidate.name,) not in self.tried and not self.cancelled():
-                self.tell(f"trying {candidate.name}")
-                if values := tuned(self.screen(baseline), candidate):
-                    choice = self.subject.choose(candidate)
-                    x = _from(baseline.fitted, choice, values)
+            names = tuple(sorted([*parent.names, candidate.name]))
+            if candidate.sought and _new(candidate, parent) and names not in self.tried and not self.cancelled():
+                self.tell(f"trying {' + '.join(names)}")
+                if values := tuned(self.screen(parent), candidate):
+                    choice = self.subject.choose(*parent.candidates, candidate)
+                    x = _from(parent.fitted, choice, values)
                     fitted = self._near(rival, choice, x, self._horizons(rival))
                     if fitted is not None and np.isfinite(fitted.chi2):
                         made.append(self._keep(fitted))
@@ -427,6 +433,20 @@ def _from(fitted: Fitted, choice: Choice, values: Mapping[str, float] | None = N
     start = start_of(fitted.subject, choice, known)
     start[len(choice.parameters) :] = fitted.x[fitted.count :]
     return start
+
+
+def _as(fitted: Fitted, about: Screen, candidate: Candidate) -> dict[str, float] | None:
+    """Values by which a candidate does to first order what the last member of a fit did, of the same shape where both
+    have one; None where it cannot.
+    """
+    other, choice = fitted.choice.candidates[-1], fitted.choice
+    own = slice(choice.own - len(other.parameters), choice.own)
+    values = about.imitated(candidate, about.signature(other) @ (fitted.values - choice.start)[own])
+    if values is None:
+        return None
+    shapes = dict(zip((p.parameter for p in other.parameters), fitted.values[own], strict=True))
+    alike = zip(candidate.parameters, candidate.sizes, strict=True)
+    return values | {p.name: float(shapes[p.parameter]) for p, size in alike if not size and p.parameter in shapes}
 
 
 def _in_order(fitted: Fitted) -> bool:

@@ -17,7 +17,19 @@ class CoulombFriction(AbstractDryFriction):
     friction_force_n: Float[Array, ""] = parameter(
         "N", "sliding force", lower=0.0, joint_types=("prismatic",), expected=0.05
     )
+    presliding_rad: Float[Array, ""] = parameter(
+        "rad", "turn by which it gives before it slides", lower=0.0, upper=0.01, joint_types=TURNING,
+        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
+    )  # fmt: skip
+    presliding_m: Float[Array, ""] = parameter(
+        "m", "travel by which it gives before it slides", lower=0.0, upper=1e-3, joint_types=("prismatic",),
+        typical=1e-4, by_name=True, expected=1.0, tries=(0.5,),
+    )  # fmt: skip
 
     def limit(self, load, pin_radius):
         """The same under any load."""
         return self.friction_torque_n_m + self.friction_force_n
+
+    def presliding(self):
+        """A joint has only one of them."""
+        return self.presliding_rad + self.presliding_m

@@ -15,7 +15,15 @@ class PinFriction(AbstractDryFriction):
     friction_coefficient: Float[Array, ""] = parameter(
         "1", "Coulomb coefficient between pin and hole", lower=0.0, joint_types=("revolute",), expected=0.2
     )
+    presliding_rad: Float[Array, ""] = parameter(
+        "rad", "turn by which it gives before it slides", lower=0.0, upper=0.01, joint_types=("revolute",),
+        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
+    )  # fmt: skip
 
     def limit(self, load, pin_radius):
         """In proportion to the load."""
         return self.friction_coefficient * pin_radius * load
+
+    def presliding(self):
+        """The same under any load."""
+        return self.presliding_rad

@@ -20,7 +20,15 @@ class AbstractJointDamping(AbstractEffect):
         """N m s/rad at a turning joint, N s/m at a sliding one."""
 
 
-class AbstractDryFriction(AbstractEffect):
+class AbstractRub(AbstractEffect):
+    """Dry friction at a joint, which gives a little before it slides."""
+
+    @abstractmethod
+    def presliding(self) -> Scalar:
+        """How far the joint gives under friction that has not let go, as if it were elastic up to there [rad or m]."""
+
+
+class AbstractDryFriction(AbstractRub):
     """Effort against a joint's motion up to a limit that grows linearly with the load the joint carries."""
 
     @abstractmethod
@@ -28,7 +36,7 @@ class AbstractDryFriction(AbstractEffect):
         """Largest effort [N m or N] under a radial reaction `load` [N]; pin_radius in m."""
 
 
-class AbstractRateFriction(AbstractEffect):
+class AbstractRateFriction(AbstractRub):
     """Effort against a joint's motion up to a limit that changes with the joint's rate."""
 
     @abstractmethod

@@ -43,11 +43,24 @@ class StribeckFriction(AbstractRateFriction):
         expected=0.3, tries=(0.1,),
     )  # fmt: skip
 
+    presliding_rad: Float[Array, ""] = parameter(
+        "rad", "turn by which it gives before it slides", lower=0.0, upper=0.01, joint_types=TURNING,
+        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
+    )  # fmt: skip
+    presliding_m: Float[Array, ""] = parameter(
+        "m", "travel by which it gives before it slides", lower=0.0, upper=1e-3, joint_types=SLIDING,
+        typical=1e-4, by_name=True, expected=1.0, tries=(0.5,),
+    )  # fmt: skip
+
     def limit(self, rate):
         """Torque level plus force level: a joint has only one of them."""
         turning = _level(self.static_torque_n_m, self.friction_torque_n_m, rate / self.stribeck_velocity_rad_per_s)
         sliding = _level(self.static_force_n, self.friction_force_n, rate / self.stribeck_velocity_m_per_s)
         return turning + sliding
+
+    def presliding(self):
+        """A joint has only one of them."""
+        return self.presliding_rad + self.presliding_m
 
 
 def _level(static: Array, kinetic: Array, relative: Array) -> Array:

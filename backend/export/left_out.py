@@ -26,6 +26,7 @@ from backend.effects.shapes import (
     AbstractMarkerError,
     AbstractPush,
     AbstractRateFriction,
+    AbstractRub,
     AbstractSection,
     AbstractShutter,
     AbstractSpringError,
@@ -67,13 +68,17 @@ def _where(model: Model, placed: Placed, row: int) -> str:
     return f" at {', '.join(shown)}"
 
 
+def _held_stiffly(effect: AbstractRub) -> str:
+    return "that it gives before it slides is left out" if float(effect.presliding()) > 0.0 else ""
+
+
 def _sentence(effect: AbstractEffect) -> str:
     """What of an effect stays behind; empty where nothing does."""
     if isinstance(effect, AbstractJointClearance):
         return "the pin sits tight in its hole"
     if isinstance(effect, AbstractDryFriction):
         unloaded, loaded = (float(effect.limit(jnp.asarray(load), jnp.ones(()))) for load in (0.0, 1.0))
-        return "friction that grows with the load is left out" if loaded != unloaded else ""
+        return "friction that grows with the load is left out" if loaded != unloaded else _held_stiffly(effect)
     if isinstance(effect, AbstractRateFriction):
         return "friction keeps its sliding level at every speed, without the rise at rest"
     if isinstance(effect, AbstractJointStop):

@@ -83,6 +83,8 @@ class System(eqx.Module):
     damping: Float[Array, "joints"]
     dry_limit: Float[Array, "joints"]
     dry_per_load: Float[Array, "joints"]
+    bend: Float[Array, "joints"]
+    """Limit of dry friction where a joint carries the mechanism's weight, times how far it gives before it slides."""
     rotor: Float[Array, "joints"]
     stiffness: Float[Array, "joints"]
     """Of springs that act through the step, along the coordinates [N m/rad or N/m]."""
@@ -160,7 +162,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
     motions = model.of(AbstractJointMotion)
     driven = tuple(sorted({int(j) for placed in motions for j in placed.at()}))
     types = [joint_of_type(t) for t in topology.joint_types]
-    limits = [_dry_limits(placed, drawing) for placed in model.of(AbstractDryFriction)]
+    limits, bends = _dry_limits(model, drawing)
     coordinate = [t.coordinate for t in types]
     struts, sections = model.of(AbstractStrut), model.of(AbstractSection)
     anchors = [jax.vmap(lambda e: e.anchors())(placed.here) for placed in struts]
@@ -194,8 +196,9 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         axes_b=drawing.axes_b,
         compliance=jnp.zeros((joints, 6)),
         damping=_total(joints, [*model.of(AbstractJointDamping), *sections], lambda e: e.damping()),
-        dry_limit=sum((limit for limit, _ in limits), jnp.zeros(joints)),
-        dry_per_load=sum((slope for _, slope in limits), jnp.zeros(joints)),
+        dry_limit=limits[0],
+        dry_per_load=limits[1],
+        bend=bends,
         rotor=_total(joints, model.of(AbstractJointInertia), lambda e: e.inertia()),
         stiffness=_total(joints, sections, lambda e: e.stiffness()),
         rest=jnp.zeros(joints),
@@ -272,13 +275,20 @@ def _mean_where(mask: np.ndarray, values: Array) -> Array:
     return jnp.where(mask.any(-1), total / np.maximum(mask.sum(-1), 1), 1.0)
 
 
-def _dry_limits(placed: Placed, drawing: Drawing) -> tuple[Array, Array]:
-    """Constant part of the limit, and its slope in the load, per joint (the shape is linear in load)."""
-    radius = drawing.pin_radius[placed.at()]
-    unloaded = jax.vmap(lambda e, r: e.limit(jnp.zeros(()), r))(placed.here, radius)
-    loaded = jax.vmap(lambda e, r: e.limit(jnp.ones(()), r))(placed.here, radius)
-    joints = drawing.pin_radius.shape[0]
-    return placed.summed(joints, unloaded), placed.summed(joints, loaded - unloaded)
+def _dry_limits(model: Model, drawing: Drawing) -> tuple[Array, Array]:
+    """Constant part of the limits and their slope in the load (2, joints) (the shape is linear in it); and, under the
+    mechanism's weight, the limits times how far each gives.
+    """
+    joints, heavy = drawing.pin_radius.shape[0], model.scale.mass_kg * model.scale.gravity_m_per_s2
+    limits, bends = jnp.zeros((2, joints)), jnp.zeros(joints)
+    for placed in model.of(AbstractDryFriction):
+        radius, gives = drawing.pin_radius[placed.at()], jax.vmap(lambda e: e.presliding())(placed.here)
+        unloaded = jax.vmap(lambda e, r: e.limit(jnp.zeros(()), r))(placed.here, radius)
+        loaded = jax.vmap(lambda e, r: e.limit(jnp.ones(()), r))(placed.here, radius)
+        own = (unloaded, loaded - unloaded)
+        limits = limits + jnp.stack([placed.summed(joints, part) for part in own])
+        bends = bends + placed.summed(joints, gives * (own[0] + heavy * own[1]))
+    return limits, bends
 
 
 def _depends_on_load(placed: Placed) -> bool:

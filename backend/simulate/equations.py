@@ -49,6 +49,8 @@ class Motion(eqx.Module):
     """Of the joints' coordinates in the step before."""
     lengthening: Float[Array, "struts"]
     """Rate of the struts in the step before."""
+    borne: Float[Array, "joints"]
+    """Share of its limit that dry friction bears, against the coordinate, -1 to 1."""
     opening: Float[Array, "walls"]
     """Rate of the gaps at the walls in the step before."""
     parting: Float[Array, "places"]
@@ -130,10 +132,13 @@ def frame(
     lines = forces.strut_lines(system, bodies)
     weight = 0.5 * (motion.before_s + step_s)
     force = forces.body_forces(system, bodies, motion.velocity, lines)
+    rate = _expected_rate(system, motion, rows.jacobian)
     drive = Drive(
         step_s,
         weight,
-        forces.dry_limits(system, _expected_rate(system, motion, rows.jacobian)),
+        forces.dry_limits(system, rate),
+        forces.presliding(system, rate),
+        motion.borne,
         step_s * piece.blur * system.stick_rate,
         weight * forces.joint_efforts(system, motion.q),
         motion.rate,

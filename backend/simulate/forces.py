@@ -1,5 +1,6 @@
 """Impulses of the effects on bodies and joints during one step."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -8,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from backend.effects.effect import BodyView, Wrench
+from backend.effects.shapes import AbstractRateFriction
 from backend.model.incidence import added, gathered, picked
 from backend.model.placed import Placed
 from backend.model.system import System
@@ -16,6 +18,7 @@ from backend.simulate.momentum import BodyRows
 from backend.simulate.small import apply, apply_transposed, dot
 
 TINY_M = 1e-9  # keeps the direction of a strut of no length finite
+NO_LIMIT = 1e-12  # of the mechanism's weight times its length: where nothing rubs, nothing gives
 
 
 class Lines(NamedTuple):
@@ -91,10 +94,26 @@ def joint_efforts(system: System, q: Float[Array, "joints"]) -> Float[Array, "jo
 
 def dry_limits(system: System, rate: Float[Array, "joints"]) -> Float[Array, "joints"]:
     """Limit of the dry friction at joints that carry nothing, at these rates of their coordinates [N m or N]."""
-    total = system.dry_limit
+    return system.dry_limit + _of_rates(system, rate, lambda e, x: e.limit(x))
+
+
+def presliding(system: System, rate: Float[Array, "joints"]) -> Float[Array, "joints"]:
+    """How far dry friction gives before it slides [rad or m]: where a joint has several kinds, each counts by its limit
+    under the mechanism's weight.
+    """
+    bend = system.bend + _of_rates(system, rate, lambda e, x: e.limit(x) * e.presliding())
+    heavy = system.scale.mass_kg * system.scale.gravity_m_per_s2
+    limit = dry_limits(system, rate) + heavy * system.dry_per_load
+    return bend / (limit + NO_LIMIT * heavy * system.scale.length_m)
+
+
+def _of_rates(
+    system: System, rate: Float[Array, "joints"], law: Callable[[AbstractRateFriction, Array], Array]
+) -> Float[Array, "joints"]:
+    """Summed over the friction that depends on a joint's rate."""
+    total = jnp.zeros_like(rate)
     for group in system.rate_frictions:
-        limits = jax.vmap(lambda e, x: e.limit(x))(group.here, picked(rate, group.at()))
-        total = total + group.summed(rate.shape[0], limits)
+        total = total + group.summed(rate.shape[0], jax.vmap(law)(group.here, picked(rate, group.at())))
     return total
 
 

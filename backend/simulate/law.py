@@ -5,7 +5,8 @@ makes the impulses of an overconstrained mechanism unique (the compliance solve)
 with damping, inertia, a spring, dry friction and efforts; walls inside the joint (ends of travel, a loose hole) push
 on the rows they touch; any other row carries nothing.
 
-Dry friction: λ = -D y / √(y² + (h ε_v)²), D = w limit + slope |λ_xy|; w is the time that a step's impulses stand for.
+Dry friction: λ = -D (p u + y) / (p + √(y² + (h ε_v)²)), D = w limit + slope |λ_xy|; p is how far it gives before it
+slides, u the share of its limit that it bears at q_k, and w the time that a step's impulses stand for.
 """
 
 from typing import NamedTuple
@@ -39,6 +40,10 @@ class Drive(NamedTuple):
     """Time that the step's impulses stand for: half of the steps before and after q_k."""
     dry_limit: Float[Array, "joints"]
     """Limit of dry friction at q_k, without what the load adds [N m or N]."""
+    presliding: Float[Array, "joints"]
+    """How far it gives before it slides [rad or m]."""
+    borne: Float[Array, "joints"]
+    """Share of the limit that it bears at q_k, -1 to 1."""
     stick: Float[Array, "joints"]
     """Displacement below which dry friction holds."""
     effort: Float[Array, "joints"]
@@ -81,8 +86,8 @@ def residual(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses
     """How far the impulses are from what the laws ask."""
     moved = displacement(system, y)
     give = y - jnp.where(system.coordinate_rows, drive.target[:, None], 0.0) + system.compliance * impulses.rows
-    limit, rounded = _dry_limit(system, drive, moved, impulses.rows)
-    own = _smooth(system, drive, moved) - limit * moved / rounded
+    limit = _dry_limit(system, drive, impulses.rows)
+    own = _smooth(system, drive, moved) - limit * borne(drive, moved)
     asked = jnp.where(free(system), own[:, None], 0.0)
     walls = impulses.walls
     if system.contacts.count:
@@ -99,7 +104,7 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
     """
     contacts = system.contacts
     moved = displacement(system, y)
-    limit, rounded = _dry_limit(system, drive, moved, impulses.rows)
+    limit, rounded = _dry_limit(system, drive, impulses.rows), _rounded(drive, moved)
     dry = jnp.sum(jnp.where(free(system), impulses.rows, 0.0), -1) - _smooth(system, drive, moved)
     walls = _no_walls(impulses)
     if contacts.count:
@@ -108,7 +113,8 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
         dry = dry - jnp.sum(jnp.where(free(system), pushed, 0.0), -1)
     dry = jnp.clip(dry, -limit, limit)
     own = 0.5 * drive.weight_s / drive.step_s * system.damping + system.rotor / drive.step_s
-    own = own + 0.25 * drive.weight_s * system.stiffness + (limit + dry * moved / rounded) / rounded
+    own = own + 0.25 * drive.weight_s * system.stiffness
+    own = own + (limit + dry * moved / rounded) / (drive.presliding + rounded)
     diagonal = jnp.where(held(system), 1.0 / system.compliance, jnp.where(free(system), own[:, None], 0.0))
     friction = jnp.zeros((moved.shape[0], 2))
     if not contacts.count and not system.load_dependent:
@@ -121,7 +127,7 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
         full = full + jnp.where(held(system)[:, :, None], 0.0, walled)
     if system.load_dependent:
         load = _load(system, drive, impulses.rows)
-        friction = (system.dry_per_load * moved / rounded / load)[:, None] * impulses.rows[:, :2]
+        friction = (system.dry_per_load * borne(drive, moved) / load)[:, None] * impulses.rows[:, :2]
         coupled = jnp.sum(friction[:, :, None] * full[:, :2], 1)
         full = full - jnp.where(free(system)[:, :, None], coupled[:, None, :], 0.0)
     return Slope(full, friction, walls)
@@ -179,11 +185,22 @@ def _smooth(system: System, drive: Drive, moved: Array) -> Array:
     return drive.effort - damping - spring - system.rotor * (rate - drive.rate)
 
 
-def _dry_limit(system: System, drive: Drive, moved: Array, rows: Array) -> tuple[Array, Array]:
+def borne(drive: Drive, moved: Float[Array, "joints"]) -> Float[Array, "joints"]:
+    """Share of its limit that dry friction bears after a displacement: bristles that bend by p before they slide
+    (Canudas de Wit et al. 1995, without their damping), taken implicitly, u = (p u⁻ + y) / (p + |y|).
+    """
+    p = drive.presliding
+    return (p * drive.borne + moved) / (p + _rounded(drive, moved))
+
+
+def _rounded(drive: Drive, moved: Array) -> Array:
+    """|y|, rounded off where friction holds."""
+    return jnp.sqrt(moved**2 + drive.stick**2)
+
+
+def _dry_limit(system: System, drive: Drive, rows: Array) -> Array:
     limit = drive.weight_s * drive.dry_limit
-    if system.load_dependent:
-        limit = limit + system.dry_per_load * _load(system, drive, rows)
-    return limit, jnp.sqrt(moved**2 + drive.stick**2)
+    return limit + system.dry_per_load * _load(system, drive, rows) if system.load_dependent else limit
 
 
 def _load(system: System, drive: Drive, rows: Array) -> Array:

@@ -69,6 +69,7 @@ def depart(system: System, start: Start) -> Motion:
         q=kinematics.coordinates(system, bodies),
         rate=law.displacement(system, rates),
         lengthening=lengthening(system, strut_slope, start.velocity),
+        borne=jnp.zeros(joints),
         opening=_opening(system, rows.value, rates),
         parting=meeting.partings(
             system,

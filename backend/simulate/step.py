@@ -235,6 +235,7 @@ def step(
         q=lax.stop_gradient(q),
         rate=law.displacement(system, there.moved) / step_s,
         lengthening=lengthening(system, at.strut_slope, xi) / step_s,
+        borne=law.borne(at.drive, law.displacement(system, there.moved)),
         opening=rate.walls,
         parting=rate.touches,
         impulses=jax.tree.map(lax.stop_gradient, impulses),

@@ -149,7 +149,7 @@ def test_a_member_that_stood_for_another_is_exchanged_for_it(drawing):
     assert ("coulomb_friction:j1",) in search.tried  # given up for nothing
     right = search.tried[("coulomb_friction:j1", "viscous_friction:j1")]
     assert right.fitted.chi2 < wrong.fitted.chi2 - 9.0
-    assert right.fitted.values[1] == pytest.approx(4e-3, rel=0.1)
+    assert right.values["viscous_friction:j1.damping_n_m_s_per_rad"] == pytest.approx(4e-3, rel=0.1)
 
 
 def test_a_drawing_that_is_right_has_no_gap(drawing):

@@ -60,6 +60,8 @@ SIZES = {  # what is large enough to see in a quarter of a second, and not so la
     "friction_force_n": 0.02,
     "static_force_n": 0.025,
     "stribeck_velocity_m_per_s": 0.1,
+    "presliding_rad": 5e-3,
+    "presliding_m": 2e-4,
     "radius_a_m": 0.01,
     "radius_b_m": 0.012,
     "radial_m": 2e-4,

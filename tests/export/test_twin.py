@@ -226,6 +226,7 @@ def test_what_a_file_does_not_hold_is_said_in_it_and_in_the_result():
         effect("play", "clearance", ["j1"], radial_m=1e-4),
         effect("rub", "pin_friction", ["j2"], friction_coefficient=0.1),
         effect("grip", "stribeck_friction", ["j3"], static_torque_n_m=0.02, friction_torque_n_m=0.01),
+        effect("give", "coulomb_friction", ["j4"], friction_torque_n_m=0.01, presliding_rad=1e-3),
         effect("wind", "air_drag", ["coupler"], drag_area_m2=0.01),
         effect("no_wind", "air_drag", ["crank"], drag_area_m2=0.0),
         effect("bounce", "joint_stop", ["j4"], lower=-2.0, upper=2.0, restitution=0.5),
@@ -234,7 +235,7 @@ def test_what_a_file_does_not_hold_is_said_in_it_and_in_the_result():
     drawn = document(fourbar(effects))
     drawn["joints"][1]["limits"] = {"lower": -1.0, "upper": 1.0}
     written = mjcf(gather(parse_mechanism(drawn)))
-    for words in ("play", "rub", "grip", "wind", "bounce", "zoom", "joint 'j2': its drawn limits"):
+    for words in ("play", "rub", "grip", "give", "wind", "bounce", "zoom", "joint 'j2': its drawn limits"):
         assert sum(f"'{words}'" in s or s.startswith(words) for s in written.left_out) == 1, words
     assert not any("no_wind" in sentence for sentence in written.left_out)
     assert all(sentence in written.text for sentence in written.left_out)
