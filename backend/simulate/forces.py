@@ -1,7 +1,7 @@
 """Impulses of the effects on bodies and joints during one step."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from backend.effects.effect import BodyView, Wrench
-from backend.effects.shapes import AbstractRateFriction
 from backend.model.incidence import added, gathered, picked
 from backend.model.placed import Placed
 from backend.model.system import System
@@ -108,7 +107,7 @@ def presliding(system: System, rate: Float[Array, "joints"]) -> Float[Array, "jo
 
 
 def _of_rates(
-    system: System, rate: Float[Array, "joints"], law: Callable[[AbstractRateFriction, Array], Array]
+    system: System, rate: Float[Array, "joints"], law: Callable[[Any, Array], Array]
 ) -> Float[Array, "joints"]:
     """Summed over the friction that depends on a joint's rate."""
     total = jnp.zeros_like(rate)
