@@ -29,7 +29,6 @@ from backend.fit.residual import Residuals
 from backend.fit.result import FitResult, Overlay, make_report, overlays_of
 from backend.fit.run import Run
 from backend.fit.search import PART, WHOLE, Search
-from backend.fit.secant import smoothed
 from backend.fit.solve import Optimiser, Solution
 from backend.fit.sparse import Sparse
 from backend.fit.starts import scattered
@@ -127,7 +126,7 @@ def fit_study(
         residuals.learn_memory(solution.x)
         solution = search.at_full_length(solution.x)
     if solution.status == "disagree":
-        solution = search.at_full_length(smoothed(residuals.problem(), solution).x)
+        solution = search.at_full_length(search.smoothed(solution).x)
     strikes = model.of(AbstractJointClearance) or model.of(AbstractLinkContact)
     if solution.status == "rough" or (strikes and solution.converged):
         solution = search.over_distance(solution)

@@ -240,10 +240,15 @@ class Residuals:
         squares = np.concatenate(off) ** 2
         return float(np.nan_to_num(np.sqrt(np.mean(squares)), nan=np.inf)) if squares.size else 0.0
 
-    def learn_spread(self, x: np.ndarray, fraction: float = 1.0) -> float:
-        """Take the misfit at x, in sigmas rms and at least 1, as the spread; returns it."""
+    def misfit(self, x: np.ndarray, fraction: float = 1.0) -> float:
+        """Rms of the samples in motion at x, in sigmas; infinite where the motion is lost."""
         r, _ = self.evaluate(x, fraction)
         rms = self.spread * float(np.sqrt(np.mean(r[: self.rows(fraction).motion] ** 2)))
+        return rms if np.isfinite(rms) else np.inf
+
+    def learn_spread(self, x: np.ndarray, fraction: float = 1.0) -> float:
+        """Take the misfit at x, at least 1, as the spread; returns it."""
+        rms = self.misfit(x, fraction)
         self.spread = max(rms, 1.0) if np.isfinite(rms) else self.spread
         return self.spread
 

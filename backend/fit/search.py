@@ -12,8 +12,8 @@ from backend.fit.checkpoint import Checkpoint
 from backend.fit.loss import LossName
 from backend.fit.pace import Pace
 from backend.fit.residual import Residuals
-from backend.fit.secant import smoothed
-from backend.fit.solve import Iteration, Optimiser, Solution, robust_weights, solve
+from backend.fit.secant import narrowed, smoothed
+from backend.fit.solve import Iteration, LeastSquares, Optimiser, Solution, robust_weights, solve
 from backend.fit.starts import best_of
 
 FIRST_STEPS = 12  # spent on a part of the records at most: the whole of them decides
@@ -22,6 +22,10 @@ LOST, FOLLOWED = 0.12, 0.5  # rad or mechanism lengths, as a diagnosis has it; s
 BETWEEN, NEAREST = 6, 1.1  # parts more than asked at most; how much longer each is at least
 REWEIGHED = 3  # times at most
 SETTLED = 0.02  # change of the misfit that weighs the samples, beyond which they are fitted again
+
+
+class Cancelled(Exception):
+    """The fit is to end, in the midst of simulations that no solver asks for."""
 
 
 class Search:
@@ -39,6 +43,7 @@ class Search:
         self.loss: LossName = loss
         self.pace, self.cancelled = pace, cancelled
         self.history: list[Iteration] = []
+        self.parts: list[tuple[float, np.ndarray]] = []  # of the records that were fitted last, and where each ended
 
     def from_starts(self, starts: Sequence[Float[np.ndarray, " x"]], horizons: Sequence[float]) -> Solution:
         """The likeliest end of the searches from several starts, and the weights that belong to it."""
@@ -58,21 +63,27 @@ class Search:
         self.residuals.spread = spread[id(best)]
         return best if not stop(ends[-1]) else replace(best, status="cancelled", message=ends[-1].message)
 
-    def through(self, x: np.ndarray, horizons: Sequence[float]) -> Solution:
+    def through(self, x: np.ndarray, horizons: Sequence[float], words: str = "fitting whole records") -> Solution:
         """Fit the first part of every record, then longer ones, then all."""
         ahead, done = [*horizons, 1.0], 0.0
+        self.parts.clear()
         for _ in range(BETWEEN + len(horizons)):
             ahead = self._nearer(x, done, ahead)
             fraction = ahead.pop(0)
             if not ahead:
                 break
-            done, words = fraction, f"fitting the first {100 * fraction:.0f}%"
+            done = fraction
             self.pace.enter(PART)
-            found = self._stage(x, fraction, words, FIRST_STEPS, 1e-3, anchor=x)
+            found = self.part(x, fraction, f"fitting the first {100 * fraction:.0f}%")
             if found.status == "cancelled":
                 return self._reweighted(found)
             x = found.x if np.isfinite(found.objective) else x
-        return self.at_full_length(x)
+            self.parts.append((fraction, x))
+        return self.at_full_length(x, words)
+
+    def part(self, x: np.ndarray, fraction: float, words: str) -> Solution:
+        """A few steps over the first part of every record; values of which it says nothing stay where they are."""
+        return self._stage(x, fraction, words, FIRST_STEPS, 1e-3, anchor=x)
 
     def _nearer(self, x: np.ndarray, done: float, ahead: list[float]) -> list[float]:
         """The parts to fit next, the first one shorter where a motion that is followed so far is lost by its end:
@@ -103,7 +114,9 @@ class Search:
         """
         for _ in range(REWEIGHED):
             self.pace.step("slopes over the distance that the data tell apart")
-            solution = smoothed(self.residuals.problem(), solution)
+            solution = self.smoothed(solution)
+            if solution.status == "cancelled":
+                break
             weighed = self.residuals.spread
             if abs(self.residuals.learn_spread(solution.x) - weighed) < SETTLED * weighed:
                 self.residuals.spread = weighed
@@ -111,6 +124,37 @@ class Search:
             r, J = self.residuals.evaluate(solution.x)
             solution = replace(solution, residual=r, jacobian=J, objective=0.5 * float(r @ r))
         return solution
+
+    def past_roughness(self, solution: Solution) -> Solution:
+        """Where slopes over wide distances lead, then over narrow ones, in weights that belong to it."""
+        self.pace.step("slopes over wide distances")
+        try:
+            solution = narrowed(self.watched(self.residuals.problem()), solution)
+        except Cancelled:
+            return broken_off(solution)
+        self.residuals.learn_spread(solution.x)
+        return self._reweighted(solution)
+
+    def smoothed(self, solution: Solution) -> Solution:
+        """As `secant.smoothed`; as it was where the fit is cancelled meanwhile."""
+        try:
+            return smoothed(self.watched(self.residuals.problem()), solution)
+        except Cancelled:
+            return broken_off(solution)
+
+    def heed(self) -> None:
+        """Raise `Cancelled` where the fit is."""
+        if self.cancelled is not None and self.cancelled():
+            raise Cancelled
+
+    def watched(self, problem: LeastSquares) -> LeastSquares:
+        """The same problem, whose simulations raise `Cancelled` once the fit is."""
+
+        def residual(x: np.ndarray) -> np.ndarray:
+            self.heed()
+            return problem.residual(x)
+
+        return replace(problem, residual=residual)
 
     def _reweighted(self, found: Solution | None) -> Solution:
         """The solution in the final weights, which differ by a few percent from those of its search."""
@@ -147,3 +191,8 @@ class Search:
             stage.end = found
             self.kept.write()
         return found
+
+
+def broken_off(solution: Solution) -> Solution:
+    """The same end, of a fit that was to go on from there."""
+    return replace(solution, status="cancelled", message="Cancelled while slopes over a distance were taken.")

@@ -13,13 +13,17 @@ from backend.fit.deviants import Deviants, deviants, projected
 from backend.fit.identifiability import Uncertainty
 from backend.fit.residual import Residuals
 from backend.fit.run import Run
-from backend.fit.search import Search
+from backend.fit.search import Cancelled, Search, broken_off
 from backend.fit.secant import MOST, secants
-from backend.fit.solve import Solution
+from backend.fit.solve import LeastSquares, Solution
+from backend.fit.trial import trials
 from backend.mechanism.fit_report import Deviation
 
 SHARES = (0.0, 0.25, 0.5, 1.0)  # of the way to what was named: where the fit goes on from is the best of them
 KEPT = 0.5  # of what a name brings, that another place must lose to be ruled out
+ASTRAY = 1.5  # sigmas rms, chi-square per sample 2.25: a fit that misses the data by more may have been led astray
+HELPS = 0.25  # of what is missed beyond the noise, that a place found by trial must explain
+FITTED = 4  # places that trials leave to be fitted
 ROUNDS = 6  # of naming and fitting; names that still change then are said to
 
 
@@ -47,53 +51,118 @@ class Sparse:
     def seek(self, search: Search, solution: Solution) -> Solution:
         """From the fit of shared values, name what deviates and fit again, until the names stay. A fit that ended
         before it converged is named by, too: what deviates may be why.
+
+        Where the fit misses the data by far and slopes lead no further, or cost as much, a place is sought by trial.
         """
-        apart, abandoned = (), set[tuple[int, ...]]()
+        apart, abandoned, hopeless = (), set[tuple[int, ...]](), set[tuple[int, ...]]()
+        self.settled = False
         for _ in range(ROUNDS):
             if solution.status == "cancelled":
                 self.settled = False
                 return solution
-            if self.full.strikes:
-                solution = search.over_distance(solution)
-                search.pace.step("slopes of each place over half its value")
-            self.named = self._name(solution, apart)
-            if self.named.apart in abandoned:  # where a linear estimate would lead back to
-                self.named = replace(self.named, apart=apart, instead=dict.fromkeys(apart, ()))
-            if self.named.apart == apart and self.full.strikes:
-                search.pace.step("what is named, tried at every other place")
-                self.named = self._tried(self._full(solution.x), self.named)
-                abandoned |= {apart} - {self.named.apart}
-            self.settled = self.named.apart == apart
-            if self.settled:
-                return solution
-            apart = self.named.apart
-            begins = list(self._begins(solution.x))
-            history = [self._full(step.parameters) for step in search.history]
-            spread, memory = self.few.spread, self.few.memory
-            self.tie(apart)
-            self.few.spread, self.few.memory = spread, memory
-            search.residuals = self.few
-            search.history[:] = [
-                replace(step, parameters=self._few(x)) for step, x in zip(search.history, history, strict=True)
-            ]
-            begin = min((self._few(x) for x in begins), key=self._objective)
-            solution = search.at_full_length(begin, "fitting what deviates")
+            kept = solution, apart, self.named, self.few.spread
+            try:
+                if (self.full.strikes or self.settled) and apart not in hopeless and self._astray(solution.x):
+                    hopeless.add(apart)
+                    solution, apart = self._sought(search, solution, apart)
+                    self.settled &= apart == kept[1]
+                if self.settled:
+                    return solution
+                if self.full.strikes:
+                    solution = search.over_distance(solution)
+                    search.pace.step("slopes of each place over half its value")
+                self.named = self._name(search, solution, apart)
+                if self.named.apart in abandoned:  # where a linear estimate would lead back to
+                    self.named = replace(self.named, apart=apart, instead=dict.fromkeys(apart, ()))
+                if self.named.apart == apart and self.full.strikes:
+                    search.pace.step("what is named, tried at every other place")
+                    self.named = self._tried(search, self._full(solution.x), self.named)
+                    abandoned |= {apart} - {self.named.apart}
+                self.settled = self.named.apart == apart
+                if not self.settled:
+                    begins = list(self._begins(solution.x))
+                    self._retie(search, self.named.apart)
+                    begin = min((self._few(x) for x in begins), key=lambda x: self._left(search, self.few, x))
+                    solution, apart = search.at_full_length(begin, "fitting what deviates"), self.named.apart
+            except Cancelled:
+                solution, apart, self.named, spread = kept
+                self._retie(search, apart)
+                self.few.spread, self.settled = spread, False
+                return broken_off(solution)
         return solution
 
-    def _tried(self, x: np.ndarray, named: Deviants) -> Deviants:
+    def _retie(self, search: Search, apart: Sequence[int]) -> None:
+        """The search goes on with these apart, in the same weights."""
+        history = [self._full(step.parameters) for step in search.history]
+        parts = [(part, self._full(x)) for part, x in search.parts]
+        spread, memory = self.few.spread, self.few.memory
+        self.tie(apart)
+        self.few.spread, self.few.memory = spread, memory
+        search.residuals = self.few
+        search.parts[:] = [(part, self._few(x)) for part, x in parts]
+        search.history[:] = [
+            replace(step, parameters=self._few(x)) for step, x in zip(search.history, history, strict=True)
+        ]
+
+    def _astray(self, x: np.ndarray, fraction: float = 1.0) -> bool:
+        return not self.few.misfit(x, fraction) < ASTRAY
+
+    def _sought(self, search: Search, solution: Solution, apart: tuple[int, ...]) -> tuple[Solution, tuple[int, ...]]:
+        """The fit with one place more apart, which explains the data much better; as it was where none does."""
+        missed, spread, parts = self.few.misfit(solution.x), self.few.spread, list(search.parts)
+        begin, part = self.few.start, 1.0
+        own = [self._column(i) for i in apart]
+        begin[own] = solution.x[own]
+        for part, end in [*parts, (1.0, solution.x)]:
+            if self._astray(end, part):
+                break
+            begin = end
+        self.full.spread, self.full.memory = self.few.learn_spread(begin, part), self.few.memory
+        few, full = (search.watched(_alone(each, part)) for each in (self.few, self.full))
+        few_apart = [g for g in self.groups if 2 * len({*g.members} & {*apart}) + 2 <= len(g.members)]
+        places = [i for g in few_apart for i in g.members if i not in apart]
+        names = [f.on[0] for f in self.full.parameters]
+
+        def tell(i: int):
+            search.pace.step(f"another value tried at {names[i]}")
+
+        ends: list[tuple[float, int, np.ndarray]] = []
+        for trial in trials(few, begin, full, self._full, places, tell)[:FITTED]:
+            self._retie(search, (*apart, trial.place))
+            found = search.part(self._few(trial.moved), part, f"fitting a value at {names[trial.place]}")
+            if found.status == "cancelled":
+                raise Cancelled
+            ends.append((self.few.misfit(found.x, part), trial.place, self._full(found.x)))
+        if ends:
+            _, place, x = min(ends, key=lambda end: end[0])
+            more = tuple(sorted((*apart, place)))
+            self._retie(search, more)
+            later = [fraction for fraction, _ in parts if fraction >= part]
+            better = search.through(self._few(x), later, "fitting what deviates")
+            if self.full.strikes and better.status != "cancelled":
+                better = search.past_roughness(better)
+            if better.status == "cancelled":
+                raise Cancelled
+            if missed**2 - self.few.misfit(better.x) ** 2 > HELPS * (missed**2 - 1.0):
+                return better, more
+        self._retie(search, apart)
+        self.few.spread, search.parts[:] = spread, parts
+        return solution, apart
+
+    def _tried(self, search: Search, x: np.ndarray, named: Deviants) -> Deviants:
         """The names after each was tried at every other place of its group, with the value that it has: a linear
         estimate cannot tell neighbours apart where parts strike. A place that explains the data better takes the name;
         one that keeps more than half of what the name brings could be it, too.
         """
         candidates, instead = self._candidates(), dict(named.instead)
-        here = self._left(x)
+        here = self._left(search, self.full, x)
         for i in named.apart:
             without = x.copy()
             without[i] = x[self._mate(i)]
-            brought = self._left(without) - here
+            brought = self._left(search, self.full, without) - here
             places = [j for g in self.groups if i in g.members for j in g.members if j not in named.apart]
             moved = {j: np.where(np.arange(x.size) == j, x[i], without) for j in places}
-            lost = {j: self._left(moved[j]) - here for j in places}
+            lost = {j: self._left(search, self.full, moved[j]) - here for j in places}
             best = min(places, key=lambda j: lost[j])
             if lost[best] < 0.0:
                 apart = tuple(sorted(best if k == i else k for k in named.apart))
@@ -102,9 +171,10 @@ class Sparse:
             instead[i] = tuple(sorted(near.union(instead[i])))
         return replace(named, instead=instead)
 
-    def _left(self, x: np.ndarray) -> float:
-        """Sum of squares, every place with its own value."""
-        r = self.full.residual(x)
+    def _left(self, search: Search, residuals: Residuals, x: np.ndarray) -> float:
+        """Sum of squares, of every place with its own value or of shared ones."""
+        search.heed()
+        r = residuals.residual(x)
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def _begins(self, x: np.ndarray) -> Iterator[np.ndarray]:
@@ -115,10 +185,6 @@ class Sparse:
             there[self._candidates()] = self.named.values
         for share in SHARES:
             yield np.clip(here + share * (there - here), problem.lower, problem.upper)
-
-    def _objective(self, x: np.ndarray) -> float:
-        r = self.few.residual(x)
-        return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def run(self, run: Run) -> Run:
         """An experiment that was not fitted, tied alike."""
@@ -159,14 +225,14 @@ class Sparse:
                     f"{', '.join(blind)}: these data cannot tell whether it deviates there."
                 )
 
-    def _name(self, solution: Solution, apart: Sequence[int]) -> Deviants:
+    def _name(self, search: Search, solution: Solution, apart: Sequence[int]) -> Deviants:
         self.full.spread, self.full.memory = self.few.spread, self.few.memory
         x, candidates = self._full(solution.x), self._candidates()
         places, own = len(self.full.parameters), range(len(self.few.parameters), solution.x.size)
         others = [*(self._column(i) for i in range(places) if i not in candidates), *own]
         root = np.sqrt(solution.weights)
         r, common = root * solution.residual, root[:, None] * solution.jacobian[:, others]
-        each = root[:, None] * self._slopes(x, solution.residual)
+        each = root[:, None] * self._slopes(search, x, solution.residual)
         group = np.repeat(np.arange(len(self.groups)), [len(g.members) for g in self.groups])
         shared = np.array([float(solution.x[self._column(self._mate(i))]) for i in candidates])
         lower, upper = np.array([(self.full.parameters[i].lower, self.full.parameters[i].upper) for i in candidates]).T
@@ -182,14 +248,14 @@ class Sparse:
         instead = {candidates[c]: v for c, v in found.instead.items()}
         return replace(found, apart=tuple(candidates[c] for c in found.apart), instead=instead)
 
-    def _slopes(self, x: np.ndarray, r: np.ndarray) -> Float[np.ndarray, "n c"]:
+    def _slopes(self, search: Search, x: np.ndarray, r: np.ndarray) -> Float[np.ndarray, "n c"]:
         """Of the residuals in each candidate; over half its value where parts may strike each other: a deviation that
         is worth naming is no smaller, and at a point they are rough.
         """
         candidates = self._candidates()
         if not self.full.strikes:
             return self.full.evaluate(x)[1][:, candidates]
-        problem = replace(self.full.problem(), residual=self.full.residual)  # no derivatives beside it
+        problem = search.watched(_alone(self.full))
         reach = MOST * np.where(x == 0.0, problem.scale, np.abs(x))
         return secants(problem, x, r, reach, candidates)[0]
 
@@ -212,3 +278,8 @@ class Sparse:
         """Shared values are the median of what is tied."""
         p = len(self.full.parameters)
         return np.concatenate([[np.median(x[:p][column > 0]) for column in self.matrix.T], x[p:]])
+
+
+def _alone(residuals: Residuals, fraction: float = 1.0) -> LeastSquares:
+    """Its problem, simulated without derivatives beside it."""
+    return replace(residuals.problem(fraction), residual=lambda x: residuals.residual(x, fraction))

@@ -47,37 +47,40 @@ def uneven_scissor(damping, cells=CELLS, uneven_m=0.03):
     return drawing("uneven scissor", bars, joints, [spring, *drag])
 
 
-@pytest.fixture(scope="module")
-def seen():
-    """A study of encoders at every pin, from damping by pin: our own motion, since names are at stake, not physics."""
+def seen_by_encoders(drawn, damping, samples=SAMPLES, step_s=STEP_S, sigma_rad=SIGMA_RAD):
+    """Studies of encoders at every pin, from damping by pin: our own motion, since names are at stake, not physics."""
     from backend.fit.free import free_parameters
     from backend.fit.prediction import addresses_of
     from backend.fit.run import Run
     from backend.model.build import build
 
-    drawn = uneven_scissor(2 * DAMPING)
     freedom = free_parameters(drawn, ["viscous_friction:*"])
-    time = STEP_S * np.arange(STILL + SAMPLES)
-    rows = [pd.DataFrame({"time_s": time, "joint": j.id, "q": 0.0, "sigma": SIGMA_RAD}) for j in drawn.joints]
-    blank = Experiment("e", "fit", Release(time_s=STEP_S * STILL), joint_positions=pd.concat(rows, ignore_index=True))
-    run = Run.of(blank, build(drawn, freedom.added), addresses_of(freedom.parameters), STEP_S)
+    time = step_s * np.arange(STILL + samples)
+    rows = [pd.DataFrame({"time_s": time, "joint": j.id, "q": 0.0, "sigma": sigma_rad}) for j in drawn.joints]
+    blank = Experiment("e", "fit", Release(time_s=step_s * STILL), joint_positions=pd.concat(rows, ignore_index=True))
+    run = Run.of(blank, build(drawn, freedom.added), addresses_of(freedom.parameters), step_s)
     order = np.lexsort((run.data.time_s, run.data.channel))
     at = np.array([c.at.removeprefix("joint:") for c in run.data.channels])[run.data.channel]
 
     def study(seed, **bad):
-        truth = np.array([DAMPING * bad.get(f.on[0], 1.0) for f in freedom.parameters])
+        truth = np.array([damping * bad.get(f.on[0], 1.0) for f in freedom.parameters])
         clean, _ = run.predict(truth, run.start)
-        q = clean + SIGMA_RAD * np.random.default_rng(seed).standard_normal(clean.size)
-        table = pd.DataFrame({"time_s": run.data.time_s, "joint": at, "q": q, "sigma": SIGMA_RAD}).iloc[order]
+        q = clean + sigma_rad * np.random.default_rng(seed).standard_normal(clean.size)
+        table = pd.DataFrame({"time_s": run.data.time_s, "joint": at, "q": q, "sigma": sigma_rad}).iloc[order]
         return Study(drawn, (replace(blank, joint_positions=table.reset_index(drop=True)),))
 
     return study
 
 
+@pytest.fixture(scope="module")
+def seen():
+    return seen_by_encoders(uneven_scissor(2 * DAMPING), DAMPING)
+
+
 def fitted(study, **options):
     from backend.fit.fit_study import fit_study
 
-    return fit_study(study, ["viscous_friction:*"], sparse=True, profiles=False, step_s=STEP_S, **options)
+    return fit_study(study, ["viscous_friction:*"], sparse=True, profiles=False, **({"step_s": STEP_S} | options))
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +165,7 @@ def named_elsewhere(truth: int, named: int, alike: float = 0.0):
     sparse.groups = [Alike((0, 1, 2, 3), everywhere=True)]
     sparse.full = SimpleNamespace(residual=lambda x: A @ (x - real))
     sparse.matrix = np.column_stack([np.arange(4) != named, np.arange(4) == named]).astype(float)
-    return sparse._tried(x, Deviants((named,), {named: ()}, np.ones(4), x))
+    return sparse._tried(SimpleNamespace(heed=lambda: None), x, Deviants((named,), {named: ()}, np.ones(4), x))
 
 
 def test_a_place_that_explains_the_data_better_takes_the_name():

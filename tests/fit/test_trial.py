@@ -1,0 +1,70 @@
+"""A bad joint that throws the fit of shared values so far off that no slope at its end leads to it."""
+
+import numpy as np
+import pytest
+
+from backend.fit.residual import Residuals
+from tests.fit.test_sparse import fitted, seen_by_encoders
+from tests.mechanisms import Z, bar, drawing, effect
+
+DAMPING, BAD, TIMES = 2e-3, "pin2", 30.0  # N m s/rad
+STEP_S, SAMPLES, SIGMA_RAD = 5e-3, 400, 1e-3
+TRIED = "another value tried at"
+LINKS = ((0.2, 0.0), (0.17, 0.3), (0.23, -0.2), (0.15, 0.4))  # m, rad from the level
+
+
+def falling_chain(damping):
+    """Four uneven links let go near the level: they fall, fold and whip."""
+    ends = np.cumsum([(0, 0), *(length * np.array([np.cos(turn), np.sin(turn)]) for length, turn in LINKS)], axis=0)
+    ends = np.column_stack([ends, np.zeros(len(ends))])
+    bars = [bar(f"link{i}", ends[i], ends[i + 1], 0.05) for i in range(len(LINKS))]
+    above = ["ground", *(f"link{i}" for i in range(len(LINKS)))]
+    pins = [(f"pin{i}", "revolute", above[i], above[i + 1], ends[i], Z) for i in range(len(LINKS))]
+    drag = [effect(f"v_{id}", "viscous_friction", [id], damping_n_m_s_per_rad=damping) for id, *_ in pins]
+    return drawing("chain", bars, pins, drag)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return seen_by_encoders(falling_chain(2 * DAMPING), DAMPING, SAMPLES, STEP_S, SIGMA_RAD)
+
+
+def test_a_joint_that_throws_the_shared_fit_off_is_found_by_trial(seen):
+    said = []
+    result = fitted(seen(1, **{BAD: TIMES}), step_s=STEP_S, progress=lambda share, words: said.append(words))
+    (found,) = result.report.deviations
+    assert found.name == f"viscous_friction:{BAD}.damping_n_m_s_per_rad"
+    assert found.could_be == ()
+    assert found.difference == pytest.approx((TIMES - 1) * DAMPING, abs=3.5 * found.sd)
+    assert result.uncertainty.chi_square_per_point < 1.1  # 1600 samples: 1 +- 0.035
+    tried = [next(word for word in words.split() if word.startswith("pin")) for words in said if TRIED in words]
+    assert [name.rstrip(",") for name in tried] == ["pin0", "pin1", "pin2", "pin3"]
+
+
+def test_nothing_is_tried_where_shared_values_explain_the_data(seen):
+    said = []
+    report = fitted(seen(2), step_s=STEP_S, progress=lambda share, words: said.append(words)).report
+    assert report.deviations == ()
+    assert said
+    assert not any(TRIED in words for words in said)
+
+
+@pytest.mark.parametrize("when", ["slopes of each place", "slopes over the distance", TRIED, "fitting a value at"])
+def test_a_search_for_what_deviates_ends_within_a_simulation_of_being_cancelled(seen, when, monkeypatch):
+    """As where parts strike, whose slopes and trials take two simulations a place."""
+    simulated, ended = Residuals.residual, []
+
+    def residual(self, x, fraction=1.0):
+        ended.extend([1] if ended else [])
+        return simulated(self, x, fraction)
+
+    monkeypatch.setattr(Residuals, "strikes", property(lambda self: True))
+    monkeypatch.setattr(Residuals, "residual", residual)
+    result = fitted(
+        seen(1, **{BAD: TIMES}), step_s=STEP_S, derivatives="forward", cancelled=lambda: bool(ended),
+        progress=lambda share, words: ended.extend([0] if when in words and not ended else []),
+    )  # fmt: skip
+    assert sum(ended) <= 1
+    assert result.solution.status == "cancelled"
+    assert result.report.deviations == ()
+    assert len(result.report.parameters) == 1 or when != TRIED
