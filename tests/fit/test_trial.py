@@ -1,5 +1,7 @@
 """A bad joint that throws the fit of shared values so far off that no slope at its end leads to it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,19 @@ def test_nothing_is_tried_where_shared_values_explain_the_data(seen):
     assert report.deviations == ()
     assert said
     assert not any(TRIED in words for words in said)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_noise_larger_than_stated_costs_trials_and_gives_no_name(seen, seed):
+    study, said = seen(seed), []
+    (run,) = study.experiments
+    stated = replace(run, joint_positions=run.joint_positions.assign(sigma=0.2 * SIGMA_RAD))
+    report = fitted(
+        replace(study, experiments=(stated,)), step_s=STEP_S, progress=lambda share, words: said.append(words)
+    ).report
+    assert any(TRIED in words for words in said)
+    assert report.deviations == ()
+    assert len(report.parameters) == 1
 
 
 @pytest.mark.parametrize("when", ["slopes of each place", "slopes over the distance", TRIED, "fitting a value at"])
