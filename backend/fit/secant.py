@@ -29,7 +29,7 @@ def smoothed(problem: LeastSquares, found: Solution) -> Solution:
     """Gauss-Newton on such slopes from where the search ended; the solution carries them as its Jacobian."""
     if not np.all(np.isfinite(found.jacobian)) or np.any(found.weights != 1.0):
         return found
-    x, r, J, objective = found.x, found.residual, found.jacobian, found.objective
+    x, r, J, objective = found.x, found.residual, found.jacobian, 0.5 * float(found.residual @ found.residual)
     sd, evaluations = _deviations(problem, x, J, WIDER), found.evaluations
     for _ in range(ROUNDS):
         J, around = secants(problem, x, r, FAR * sd, range(x.size))

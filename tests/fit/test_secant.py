@@ -1,5 +1,7 @@
 """Slopes over a standard deviation: what is rough at a finer scale neither narrows intervals nor holds the answer."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,3 +61,13 @@ def test_a_bound_nearer_than_a_deviation_is_respected():
     assert np.all(found.x <= 2.0)
     assert np.all(np.isfinite(found.jacobian))
     assert np.all(np.linalg.norm(found.jacobian, axis=0) > 1.0)
+
+
+@pytest.mark.parametrize("share", [0.96, 1.04])
+def test_what_is_better_is_told_from_the_residual(share):
+    """The objective beside it may be in the weights of an earlier search, 4% off."""
+    problem = rough_problem(1, 0.3)
+    found = solve(problem, np.array([4.0, -1.0]), max_iterations=1)
+    np.testing.assert_array_equal(
+        smoothed(problem, replace(found, objective=share * found.objective)).x, smoothed(problem, found).x
+    )
