@@ -13,7 +13,7 @@ deviation stands out of its own scatter, with the memory of the residuals counte
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -64,14 +64,15 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Deviants:
-    """Columns that deviate; for each, those that explain the data as well; the least of any that would show; and where
-    all values would be then, by a linear estimate.
+    """Columns that deviate; for each, those that explain the data as well; the least of any that would show; where all
+    values would be then, by a linear estimate; and the sum of squares that each must take away to stand out.
     """
 
     apart: tuple[int, ...]
     instead: dict[int, tuple[int, ...]]
     least: Float[np.ndarray, " p"]
     values: Float[np.ndarray, " p"]
+    due: dict[int, float] = field(default_factory=dict)
 
 
 def projected(
@@ -128,7 +129,8 @@ def deviants(seen: Linearised, floor: float, before: Sequence[int] = ()) -> Devi
         _, sd = choice.refitted([*(j for j in kept if j != k), k])
         least[heard[k]] = choice.stands_out * sd[-1] / size[heard[k]]
     instead = {int(heard[k]): tuple(int(heard[j]) for j in choice.as_good(kept, k)) for k in kept}
-    return Deviants(tuple(sorted(instead)), instead, least, seen.then(choice.deviations(kept)))
+    due = {int(heard[k]): choice.stands_out**2 * choice.inflation(kept, k) for k in kept}
+    return Deviants(tuple(sorted(instead)), instead, least, seen.then(choice.deviations(kept)), due)
 
 
 @dataclass(frozen=True)
@@ -193,11 +195,14 @@ class _Choice:
             kept, least = trials[int(np.argmin(left))], min(left)
         return kept
 
+    def inflation(self, kept: Sequence[int], k: int) -> float:
+        """Scatter of deviation k, of these, by that of white noise of 1; of variances."""
+        at, A = list(kept).index(k), self.unit[:, list(kept)]
+        return float(self.refitted(kept)[1][at] ** 2 / np.linalg.inv(A.T @ A)[at, at])
+
     def as_good(self, kept: Sequence[int], k: int) -> list[int]:
         """Other columns that, in place of column k, explain the data no worse than chance allows."""
-        at, best = list(kept).index(k), self.left(kept)
-        A = self.unit[:, list(kept)]
-        inflation = self.refitted(kept)[1][at] ** 2 / np.linalg.inv(A.T @ A)[at, at]
+        best, inflation = self.left(kept), self.inflation(kept, k)
         rest, others = [j for j in kept if j != k], (j for j in range(self.heard.size) if j not in kept)
         return [j for j in others if (self.left([*rest, j]) - best) / inflation < ELSEWHERE]
 

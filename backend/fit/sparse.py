@@ -16,10 +16,9 @@ from backend.fit.run import Run
 from backend.fit.search import Cancelled, Search, broken_off
 from backend.fit.secant import MOST, secants
 from backend.fit.solve import LeastSquares, Solution
-from backend.fit.trial import trials
+from backend.fit.trial import SHARES, brought, trials
 from backend.mechanism.fit_report import Deviation
 
-SHARES = (0.0, 0.25, 0.5, 1.0)  # of the way to what was named: where the fit goes on from is the best of them
 KEPT = 0.5  # of what a name brings, that another place must lose to be ruled out
 ASTRAY = 1.5  # sigmas rms, chi-square per sample 2.25: a fit that misses the data by more may have been led astray
 HELPS = 0.25  # of what is missed beyond the noise, that a place found by trial must explain
@@ -72,6 +71,8 @@ class Sparse:
                     solution = search.over_distance(solution)
                     search.pace.step("slopes of each place over half its value")
                 self.named = self._name(search, solution, apart)
+                if self.full.strikes and 0 < len(apart) < len(self.named.apart):
+                    self.named = self._weighed(search, solution, apart, self.named)
                 if self.named.apart in abandoned:  # where a linear estimate would lead back to
                     self.named = replace(self.named, apart=apart, instead=dict.fromkeys(apart, ()))
                 if self.named.apart == apart and self.full.strikes:
@@ -147,6 +148,20 @@ class Sparse:
         self.few.spread, search.parts[:] = spread, parts
         return solution, apart
 
+    def _weighed(self, search: Search, solution: Solution, apart: tuple[int, ...], named: Deviants) -> Deviants:
+        """The names that were there, and of those that came to them the ones that take away, simulated, as much as they
+        have to by a linear estimate.
+        """
+        few, full = (search.watched(_alone(each)) for each in (self.few, self.full))
+        values = dict(zip(self._candidates(), named.values, strict=True))
+        more = [
+            i for i in named.apart
+            if i not in apart
+            and brought(few, solution.x, solution.jacobian, full, self._full, i, values[i]) >= named.due[i]
+        ]  # fmt: skip
+        kept = tuple(sorted((*apart, *more)))
+        return replace(named, apart=kept, instead={i: named.instead.get(i, ()) for i in kept})
+
     def _tried(self, search: Search, x: np.ndarray, named: Deviants) -> Deviants:
         """The names after each was tried at every other place of its group, with the value that it has: a linear
         estimate cannot tell neighbours apart where parts strike. A place that explains the data better takes the name;
@@ -181,7 +196,7 @@ class Sparse:
         there, problem = here.copy(), self.full.problem()
         if self.named is not None:
             there[self._candidates()] = self.named.values
-        for share in SHARES:
+        for share in (0.0, *SHARES):
             yield np.clip(here + share * (there - here), problem.lower, problem.upper)
 
     def run(self, run: Run) -> Run:
@@ -243,8 +258,8 @@ class Sparse:
             1.0 / self.full.spread,
             [candidates.index(i) for i in apart],
         )  # fmt: skip
-        instead = {candidates[c]: v for c, v in found.instead.items()}
-        return replace(found, apart=tuple(candidates[c] for c in found.apart), instead=instead)
+        instead, due = ({candidates[c]: v for c, v in each.items()} for each in (found.instead, found.due))
+        return replace(found, apart=tuple(candidates[c] for c in found.apart), instead=instead, due=due)
 
     def _slopes(self, search: Search, x: np.ndarray, r: np.ndarray) -> Float[np.ndarray, "n c"]:
         """Of the residuals in each candidate; over half its value where parts may strike each other: a deviation that

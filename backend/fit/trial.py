@@ -3,6 +3,9 @@
 Where the beginning of the records is still explained, each place in turn gets another value; what all others share,
 and everything else that is free, gives way by slopes over half its value. A simulation a trial, and the order of what
 they leave says which places deserve a fit.
+
+A name that slopes would add is weighed in the same way: where parts strike, a linear estimate may promise what no
+simulation keeps.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from jaxtyping import Float
 from backend.fit.secant import MOST, secants
 from backend.fit.solve import LeastSquares, Vector, step_within
 
+SHARES = (0.25, 0.5, 1.0)  # of the way to where a linear estimate would lead
 SIZES = (0.25, 4.0)  # of its value, or of its natural size where that is zero: the other value of a place
 
 
@@ -56,6 +60,32 @@ def trials(
                 there = np.clip(moved + every(x + step) - every(x), full.lower, full.upper)
                 best[i] = Trial(i, there, left)
     return sorted(best.values(), key=lambda trial: trial.left)
+
+
+def brought(
+    few: LeastSquares,
+    x: Vector,
+    J: Float[np.ndarray, "n few"],
+    full: LeastSquares,
+    every: Callable[[Vector], Float[np.ndarray, " all"]],
+    place: int,
+    value: float,
+) -> float:
+    """How much of the sum of squares a place takes away, simulated, at the best share of the way to another value; the
+    rest gives way by its slopes J, and what that brings alone does not count.
+    """
+
+    def left(share: float) -> float:
+        moved = every(x)
+        moved[place] += share * (value - moved[place])
+        r = full.residual(np.clip(moved, full.lower, full.upper))
+        if not np.all(np.isfinite(r)):
+            return np.inf
+        step = every(x + step_within(few, x, J, r)) - every(x)
+        there = full.residual(np.clip(moved + step, full.lower, full.upper))
+        return float(np.nan_to_num(min(r @ r, there @ there), nan=np.inf))
+
+    return left(0.0) - min(left(share) for share in SHARES)
 
 
 def _moved(full: LeastSquares, x: Vector, i: int) -> Iterator[Vector]:

@@ -46,6 +46,17 @@ def test_where_none_deviates_one_fit_in_a_hundred_names_one():
     assert named <= 8  # 2 expected: 4 sd, with the sandwich's own scatter
 
 
+@pytest.mark.parametrize("noise", [1.0, 3.0])
+def test_a_name_has_to_take_away_what_noise_alone_would_not_and_does(noise):
+    truth = np.where(np.arange(PLACES) == 4, 0.1, 0.0)
+    for seed in range(10):
+        seen = problem(seed, truth)
+        seen = replace(seen, r=noise * seen.r)
+        found, column = deviants(seen, noise), seen.X[:, 4]
+        assert found.due[4] == pytest.approx((3.4 * noise) ** 2, rel=0.5)  # a hundredth by 15 places: 3.4 sigmas
+        assert (column @ seen.r) ** 2 / (column @ column) > found.due[4]
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_those_that_deviate_clearly_are_named_and_no_other(count):
     exact = 0

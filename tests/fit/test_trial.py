@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from backend.fit.residual import Residuals
+from backend.fit.solve import LeastSquares
+from backend.fit.sparse import Sparse
+from backend.fit.trial import brought
 from tests.fit.test_sparse import fitted, seen_by_encoders
 from tests.mechanisms import Z, bar, drawing, effect
 
@@ -62,6 +65,68 @@ def test_noise_larger_than_stated_costs_trials_and_gives_no_name(seen, seed):
     assert any(TRIED in words for words in said)
     assert report.deviations == ()
     assert len(report.parameters) == 1
+
+
+def test_a_name_that_simulations_do_not_bear_out_is_not_added(seen, monkeypatch):
+    """As where parts strike and slopes promise too much: from the second round on they would add the wrong pin."""
+    by_slopes, wrong = Sparse._name, 0
+
+    def promised(self, search, solution, apart):
+        named = by_slopes(self, search, solution, apart)
+        if not apart:
+            return named
+        values = named.values.copy()
+        values[self._candidates().index(wrong)] *= 3.0
+        more = tuple(sorted({*named.apart, wrong}))
+        return replace(
+            named, apart=more, values=values, instead={wrong: ()} | named.instead, due={wrong: 10.0} | named.due
+        )
+
+    monkeypatch.setattr(Residuals, "strikes", property(lambda self: True))
+    monkeypatch.setattr(Sparse, "_name", promised)
+    report = fitted(seen(1, **{BAD: TIMES}), step_s=STEP_S, derivatives="forward").report
+    assert [found.name for found in report.deviations] == [f"viscous_friction:{BAD}.damping_n_m_s_per_rad"]
+    assert not any("still changed" in warning for warning in report.warnings)
+
+
+def places(seed, deviation, columns=4, samples=200):
+    """Linear residuals, with a noise of 1, of a value shared by all (few) and of each place's own (full), their slopes,
+    and what is seen where the last place deviates from the others' 1.
+    """
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((samples, columns)) + np.arange(samples)[:, None] / samples
+    seen = A.sum(1) + deviation * A[:, -1] + rng.standard_normal(samples)
+
+    def problem(residual, size):
+        wide = np.full(size, 1e3)
+        return LeastSquares([""] * size, residual, lambda x: (residual(x), A), -wide, wide, np.ones(size))
+
+    full = problem(lambda x: A @ x - seen, columns)
+    return problem(lambda x: A.sum(1) * x[0] - seen, 1), full, A.sum(1)[:, None], A, seen
+
+
+def weighed(few, full, J, value, shared=1.0):
+    return brought(few, np.array([shared]), J, full, lambda x: np.repeat(x, full.lower.size), 3, value)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_place_brings_what_least_squares_say_and_what_is_shared_gives_way(seed):
+    few, full, J, A, seen = places(seed, 2.0)
+    without = np.linalg.lstsq(J, seen)[1][0]
+    best, left = np.linalg.lstsq(np.column_stack([A[:, :3].sum(1), A[:, 3]]), seen)[:2]
+    # The place goes along where the shared value gives way: its deviation stays.
+    assert weighed(few, full, J, 1.0 + best[1] - best[0]) == pytest.approx(without - left[0], rel=1e-6)
+
+
+def test_a_better_shared_value_is_nothing_that_a_place_brings():
+    few, full, J, _, _ = places(1, 0.0)
+    assert abs(weighed(few, full, J, 1.5, shared=1.5)) < 10.0  # a chi-square of one, 3.2 sigmas
+
+
+def test_a_place_whose_slope_promises_what_no_simulation_keeps_brings_nothing():
+    few, full, J, _, _ = places(1, 2.0)
+    stiff = replace(full, residual=lambda x: full.residual(np.append(x[:3], 1.0 - abs(x[3] - 1.0))))
+    assert weighed(few, stiff, J, 3.0) < 0.0
 
 
 @pytest.mark.parametrize("when", ["slopes of each place", "slopes over the distance", TRIED, "fitting a value at"])
