@@ -12,7 +12,7 @@ from backend.fit.checkpoint import Checkpoint
 from backend.fit.loss import LossName
 from backend.fit.pace import Pace
 from backend.fit.residual import Residuals
-from backend.fit.secant import smoothed
+from backend.fit.secant import narrowed, smoothed
 from backend.fit.solve import Iteration, LeastSquares, Optimiser, Solution, robust_weights, solve
 from backend.fit.starts import best_of
 
@@ -124,6 +124,16 @@ class Search:
             r, J = self.residuals.evaluate(solution.x)
             solution = replace(solution, residual=r, jacobian=J, objective=0.5 * float(r @ r))
         return solution
+
+    def past_roughness(self, solution: Solution) -> Solution:
+        """Where slopes over wide distances lead, then over narrow ones, in weights that belong to it."""
+        self.pace.step("slopes over wide distances")
+        try:
+            solution = narrowed(self.watched(self.residuals.problem()), solution)
+        except Cancelled:
+            return broken_off(solution)
+        self.residuals.learn_spread(solution.x)
+        return self._reweighted(solution)
 
     def smoothed(self, solution: Solution) -> Solution:
         """As `secant.smoothed`; as it was where the fit is cancelled meanwhile."""

@@ -23,6 +23,8 @@ SETTLED = 0.1  # relative change of the deviations that ends the rounds
 SLACK = 1.0  # by how much roughness alone may raise the objective at a better point: half a chi-square is 0.5
 MOST = 0.5  # of its own or its natural size: as far as a difference may reach
 LEAST = 1e-3
+NARROWER = (1.0, 0.5, 0.5, 0.25, 0.25, 0.125)  # of that, one step after the other
+SHORTER = (1.0, 0.5, 0.25)  # of a step, until one is better
 
 
 def smoothed(problem: LeastSquares, found: Solution) -> Solution:
@@ -46,6 +48,25 @@ def smoothed(problem: LeastSquares, found: Solution) -> Solution:
         if settled:
             break
     return replace(found, x=x, residual=r, jacobian=J, objective=objective, evaluations=evaluations)
+
+
+def narrowed(problem: LeastSquares, found: Solution) -> Solution:
+    """Gauss-Newton by differences over half of each value first, then over less: through roughness that differences as
+    narrow as the data tell apart would rest in. Residual and Jacobian are still those of where it began.
+    """
+    if not np.all(np.isfinite(found.residual)) or np.any(found.weights != 1.0):
+        return found
+    x, r, objective = found.x, found.residual, 0.5 * float(found.residual @ found.residual)
+    for share in NARROWER:
+        J, _ = secants(problem, x, r, share * MOST * np.where(x == 0.0, problem.scale, np.abs(x)), range(x.size))
+        step = step_within(problem, x, J, r)
+        for part in SHORTER:
+            trial = np.clip(x + part * step, problem.lower, problem.upper)
+            at = problem.residual(trial)
+            if np.all(np.isfinite(at)) and 0.5 * float(at @ at) < objective:
+                x, r, objective = trial, at, 0.5 * float(at @ at)
+                break
+    return replace(found, x=x, objective=objective)
 
 
 def _deviations(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], wider: float = 1.0) -> Vector:

@@ -140,6 +140,8 @@ class Sparse:
             self._retie(search, more)
             later = [fraction for fraction, _ in parts if fraction >= part]
             better = search.through(self._few(x), later, "fitting what deviates")
+            if self.full.strikes and better.status != "cancelled":
+                better = search.past_roughness(better)
             if better.status == "cancelled":
                 raise Cancelled
             if missed**2 - self.few.misfit(better.x) ** 2 > HELPS * (missed**2 - 1.0):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.fit.secant import smoothed
+from backend.fit.secant import narrowed, smoothed
 from backend.fit.solve import LeastSquares, solve
 
 TRUTH = np.array([2.0, 0.3])
@@ -13,11 +13,12 @@ T = np.linspace(0.0, 1.0, 400)
 NOISE = 0.1
 
 
-def rough_problem(seed: int, ripple: float, bounds: tuple[float, float] = (-10.0, 10.0)) -> LeastSquares:
-    """A line through noise, with a ripple in the parameters ten times finer than the data can tell."""
+def rough_problem(
+    seed: int, ripple: float, bounds: tuple[float, float] = (-10.0, 10.0), fine: float = 1e-3
+) -> LeastSquares:
+    """A line through noise, with a ripple in the parameters, by default ten times finer than the data can tell."""
     rng = np.random.default_rng(seed)
     phase, seen = rng.uniform(0, 2 * np.pi, (2, T.size)), TRUTH[0] * T + TRUTH[1] + NOISE * rng.standard_normal(T.size)
-    fine = 1e-3
 
     def residual(x: np.ndarray) -> np.ndarray:
         ripples = ripple * NOISE * np.sin(x[:, None] / fine + phase).sum(0)
@@ -71,3 +72,12 @@ def test_what_is_better_is_told_from_the_residual(share):
     np.testing.assert_array_equal(
         smoothed(problem, replace(found, objective=share * found.objective)).x, smoothed(problem, found).x
     )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_wide_differences_lead_through_roughness_in_which_narrow_ones_rest(seed):
+    problem = rough_problem(seed, 1.0, fine=0.02)  # waves as wide as the data can tell, as high as the noise
+    truth = 0.5 * float(np.sum(problem.residual(TRUTH) ** 2))
+    rested = smoothed(problem, solve(problem, np.array([4.0, -1.0])))
+    assert rested.objective > 10.0 * truth
+    assert narrowed(problem, rested).objective < 1.1 * truth
