@@ -51,7 +51,7 @@ class Sparse:
         """From the fit of shared values, name what deviates and fit again, until the names stay. A fit that ended
         before it converged is named by, too: what deviates may be why.
 
-        Where the fit misses the data by far and slopes lead no further, or cost as much, a place is sought by trial.
+        Where the fit misses the data by far and slopes lead no further, a place is sought by trial.
         """
         apart, abandoned, hopeless = (), set[tuple[int, ...]](), set[tuple[int, ...]]()
         self.settled = False
@@ -61,10 +61,10 @@ class Sparse:
                 return solution
             kept = solution, apart, self.named, self.few.spread
             try:
-                if (self.full.strikes or self.settled) and apart not in hopeless and self._astray(solution.x):
+                if self.settled and apart not in hopeless and self._astray(solution.x):
                     hopeless.add(apart)
                     solution, apart = self._sought(search, solution, apart)
-                    self.settled &= apart == kept[1]
+                    self.settled = apart == kept[1]
                 if self.settled:
                     return solution
                 if self.full.strikes:
@@ -72,6 +72,7 @@ class Sparse:
                     search.pace.step("slopes of each place over half its value")
                 self.named = self._name(search, solution, apart)
                 if self.full.strikes and 0 < len(apart) < len(self.named.apart):
+                    search.pace.step("what slopes would add, simulated")
                     self.named = self._weighed(search, solution, apart, self.named)
                 if self.named.apart in abandoned:  # where a linear estimate would lead back to
                     self.named = replace(self.named, apart=apart, instead=dict.fromkeys(apart, ()))

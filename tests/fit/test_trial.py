@@ -84,7 +84,12 @@ def test_a_name_that_simulations_do_not_bear_out_is_not_added(seen, monkeypatch)
 
     monkeypatch.setattr(Residuals, "strikes", property(lambda self: True))
     monkeypatch.setattr(Sparse, "_name", promised)
-    report = fitted(seen(1, **{BAD: TIMES}), step_s=STEP_S, derivatives="forward").report
+    said = []
+    report = fitted(
+        seen(1, **{BAD: TIMES}), step_s=STEP_S, derivatives="forward",
+        progress=lambda share, words: said.append(words),
+    ).report  # fmt: skip
+    assert any("what slopes would add" in words for words in said)
     assert [found.name for found in report.deviations] == [f"viscous_friction:{BAD}.damping_n_m_s_per_rad"]
     assert not any("still changed" in warning for warning in report.warnings)
 
@@ -129,16 +134,19 @@ def test_a_place_whose_slope_promises_what_no_simulation_keeps_brings_nothing():
     assert weighed(few, stiff, J, 3.0) < 0.0
 
 
-@pytest.mark.parametrize("when", ["slopes of each place", "slopes over the distance", TRIED, "fitting a value at"])
-def test_a_search_for_what_deviates_ends_within_a_simulation_of_being_cancelled(seen, when, monkeypatch):
-    """As where parts strike, whose slopes and trials take two simulations a place."""
+@pytest.mark.parametrize(
+    ("when", "strikes"),
+    [("slopes of each place", True), ("slopes over the distance", True), (TRIED, False), ("fitting a value at", False)],
+)
+def test_a_search_for_what_deviates_ends_within_a_simulation_of_being_cancelled(seen, when, strikes, monkeypatch):
+    """Slopes where parts strike, and trials, take two simulations a place."""
     simulated, ended = Residuals.residual, []
 
     def residual(self, x, fraction=1.0):
         ended.extend([1] if ended else [])
         return simulated(self, x, fraction)
 
-    monkeypatch.setattr(Residuals, "strikes", property(lambda self: True))
+    monkeypatch.setattr(Residuals, "strikes", property(lambda self: strikes))
     monkeypatch.setattr(Residuals, "residual", residual)
     result = fitted(
         seen(1, **{BAD: TIMES}), step_s=STEP_S, derivatives="forward", cancelled=lambda: bool(ended),
