@@ -1,11 +1,12 @@
 """The library of causes: whatever the effects' files declare, at every place, and nothing that was left out."""
 
+import numpy as np
 import pytest
 
 from backend.diagnose.library import LOAD, SMOOTH, families, library
 from backend.effects.catalogue import catalogue
 from backend.mechanism.study import Tolerance
-from tests.mechanisms import fourbar
+from tests.mechanisms import effect, fourbar
 
 EXPECTED = [k for k, e in catalogue().items() if any(d.expected is not None for d in e.declarations().values())]
 
@@ -55,3 +56,21 @@ def test_a_joint_reaches_the_bodies_that_it_joins_but_not_the_ground():
     (friction,) = [c for c in library(fourbar(), SMOOTH).candidates if c.name == f"viscous_friction:{joint.id}"]
     moving = {f"body:{b.id}" for b in fourbar().bodies if not b.fixed and b.id in (joint.body_a, joint.body_b)}
     assert friction.reach == {f"joint:{joint.id}"} | moving
+
+
+def test_dry_friction_brings_how_far_it_gives_where_a_joint_of_its_type_has_that():
+    (rub,) = [c for c in library(fourbar(), SMOOTH).candidates if c.name == "coulomb_friction:j1"]
+    assert [p.parameter for p in rub.parameters] == ["friction_torque_n_m", "presliding_rad"]
+    assert rub.sizes.tolist() == [True, False]
+    assert rub.allows(np.array([0.1, -1.0]))
+    assert not rub.allows(np.array([-0.1, 1.0]))  # friction does not drive
+
+
+def test_a_drawn_friction_stands_as_it_is_drawn():
+    drawn = fourbar([effect("dry", "coulomb_friction", ["j1"], friction_torque_n_m=0.01)])
+    found = library(drawn, SMOOTH)
+    at = {p.name: (p.start, value) for p, value in zip(found.parameters, found.neutral, strict=True)}
+    own = [p.name for p in found.parameters if p.kind == "coulomb_friction" and p.addresses[0][0] == "dry"]
+    assert {name.rpartition(".")[2]: at[name] for name in own} == {
+        "friction_torque_n_m": (0.01, 0.01), "presliding_rad": (0.0, 0.0),
+    }  # fmt: skip

@@ -19,7 +19,12 @@ SLOPES = 100.0 * np.stack([np.sin(3.0 * T), np.sin(3.0 * T + 0.02)], 1)
 
 def candidate(i: int) -> Any:
     return SimpleNamespace(
-        name=f"law{i}", parameters=[None], tries=((),), log_odds=0.0, ties=lambda count: np.eye(count)[:, [i]]
+        name=f"law{i}",
+        parameters=[None],
+        tries=((),),
+        sizes=np.ones(1, bool),
+        log_odds=0.0,
+        ties=lambda count: np.eye(count)[:, [i]],
     )
 
 
@@ -46,7 +51,7 @@ def ended(law: int, value: float, left: np.ndarray) -> Cause:
 @pytest.mark.parametrize("bent", [0.0, 0.4])
 def test_what_the_second_law_promises_about_the_motion_of_the_first(bent: float, monkeypatch: pytest.MonkeyPatch):
     """The truth is the second law. What its motion bends away from first order, only the fit of it knows."""
-    monkeypatch.setattr(module, "library_slopes", lambda fitted, within: SLOPES)
+    monkeypatch.setattr(module, "library_slopes", lambda fitted, within, present: SLOPES)
     noise = np.random.default_rng(3).standard_normal(ROWS)
     bends = bent * np.sin(12.0 * T)
     seen = SLOPES[:, 1] + noise

@@ -20,10 +20,11 @@ class Looking(Search):
     """A search whose fits end where a table says."""
 
     def __init__(self, ends: dict[str, float]):
-        self.ends, self.order = ends, []
+        self.ends, self.order, self.begun = ends, [], []
 
-    def _join(self, parent, about, candidate, fits, rival):
+    def _join(self, parent, about, candidate, fits, rival, simple=None):
         self.order.append(candidate.name)
+        self.begun.append(simple.choice.candidates[-1].name)
         fits.append(end(candidate, self.ends[candidate.name]))
 
 
@@ -37,4 +38,5 @@ def test_a_form_that_pays_where_the_simpler_was_best_is_tried_at_every_place(at_
     wider = {f"coulomb:{joint}": [form("stribeck", joint)] for joint in ("j1", "j3", "j6")}
     search._widen(None, None, wider, fits, None)
     assert search.order == tried
+    assert search.begun == [name.replace("stribeck", "coulomb") for name in tried]  # where the simpler one ended
     assert min(fits, key=lambda f: f.chi2).chi2 == (10.0 if len(tried) > 1 else at_best)
