@@ -218,11 +218,10 @@ def log_evidence(fitted: Fitted) -> float:
     promised = towards_best(fitted.choice.prior_sd)[2]
     members = [len(c.parameters) for c in fitted.choice.candidates]
     apart = len(members) <= 2
-    sizes = np.array([not worth for c in fitted.choice.candidates for worth in c.tries], bool)
     found = []
     for share in product(SHARES, repeat=len(members) if apart else 1):
         sd = fitted.choice.prior_sd.copy()
-        sd[:own] *= np.where(sizes, np.repeat(share, members) if apart else share[0], 1.0)
+        sd[:own] *= np.where(fitted.choice.sizes, np.repeat(share, members) if apart else share[0], 1.0)
         H, step, fall = towards_best(sd)
         cost = chi2 + float(np.sum((shift / sd) ** 2)) - max(fall - promised, 0.0)
         z = -0.5 * cost - float(np.sum(np.log(sd))) - 0.5 * float(np.linalg.slogdet(H)[1])

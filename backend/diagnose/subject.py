@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from backend.diagnose.calibration import Misplaced, cameras_of, with_cameras
 from backend.diagnose.kept import Kept
@@ -59,6 +59,11 @@ class Choice:
     def own(self) -> int:
         """How many numbers belong to the candidates; they come first."""
         return sum(len(c.parameters) for c in self.candidates)
+
+    @property
+    def sizes(self) -> Bool[np.ndarray, " own"]:
+        """Which of the candidates' numbers say how much there is of them."""
+        return np.array([size for c in self.candidates for size in c.sizes], bool)
 
     @property
     def start(self) -> np.ndarray:

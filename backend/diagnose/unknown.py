@@ -63,8 +63,7 @@ def without_causes(fitted: Fitted) -> Fitted:
     own, choice = fitted.choice.own, fitted.subject.choose()
     kept = [p.name for p in choice.parameters]
     names = [p.name for p in fitted.choice.parameters]
-    sizes = np.concatenate([np.zeros(0, bool), *(c.sizes for c in fitted.choice.candidates)])
-    shift = np.where(sizes, fitted.values[:own] - fitted.choice.start[:own], 0.0)
+    shift = np.where(fitted.choice.sizes, fitted.values[:own] - fitted.choice.start[:own], 0.0)
     r, rest = fitted.r + fitted.J[:, :own] @ shift, fitted.J[:, own:]
     x, precision = fitted.x[own:], fitted.precision[own:]
     if missing := [i for i, n in enumerate(kept) if n not in names[own:]]:  # tolerances that a cause had taken

@@ -18,10 +18,10 @@ def fitted(end: float, start_seen: float = 50.0) -> Fitted:
     t = np.linspace(0.0, 1.0, ROWS)
     J = np.stack([100.0 * t, np.full(ROWS, start_seen)], 1)
     r = J @ [SIZE - end, 0.0] + rng.standard_normal(ROWS)
-    candidate = SimpleNamespace(parameters=[None], tries=((),))
+    candidate = SimpleNamespace(parameters=[None])
     choice: Any = SimpleNamespace(
         parameters=[SimpleNamespace(lower=-np.inf, start=0.0)], candidates=[candidate], own=1,
-        start=np.zeros(1), prior_sd=np.ones(1),
+        start=np.zeros(1), prior_sd=np.ones(1), sizes=np.ones(1, bool),
     )  # fmt: skip
     subject: Any = None
     ends = np.array([end, 0.0])

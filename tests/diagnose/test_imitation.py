@@ -16,12 +16,13 @@ ROWS = 300
 def cause(*reach: str) -> Cause:
     """A set of one effect for each place, which fits to the noise."""
     members = tuple(
-        SimpleNamespace(name=f"{i}:{place}", reach=frozenset({place}), parameters=[None], tries=((),), log_odds=0.0)
+        SimpleNamespace(name=f"{i}:{place}", reach=frozenset({place}), parameters=[None], log_odds=0.0)
         for i, place in enumerate(reach)
     )
     choice: Any = SimpleNamespace(
         parameters=[SimpleNamespace(name=m.name, lower=-np.inf, start=0.0) for m in members],
         candidates=members, own=len(members), start=np.zeros(len(members)), prior_sd=np.ones(len(members)),
+        sizes=np.ones(len(members), bool),
     )  # fmt: skip
     r, J = (
         np.random.default_rng(5).standard_normal(ROWS),

@@ -21,8 +21,6 @@ def candidate(i: int) -> Any:
     return SimpleNamespace(
         name=f"law{i}",
         parameters=[None],
-        tries=((),),
-        sizes=np.ones(1, bool),
         log_odds=0.0,
         ties=lambda count: np.eye(count)[:, [i]],
     )
@@ -39,7 +37,7 @@ def ended(law: int, value: float, left: np.ndarray) -> Cause:
     """A fit of one law that ended at a value and left so much."""
     choice: Any = SimpleNamespace(
         parameters=[SimpleNamespace(name=f"size{law}", lower=-np.inf, start=0.0)],
-        candidates=(LAWS[law],), own=1, start=np.zeros(1), prior_sd=np.ones(1),
+        candidates=(LAWS[law],), own=1, start=np.zeros(1), prior_sd=np.ones(1), sizes=np.ones(1, bool),
     )  # fmt: skip
     made = Fitted(
         SUBJECT, choice, (), np.array([value]), left, SLOPES[:, [law]], (slice(0, ROWS),), np.ones(1), "converged",
