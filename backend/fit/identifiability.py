@@ -23,8 +23,8 @@ class Uncertainty:
     """Everything local that the Jacobian and the residuals say, per parameter (p).
 
     information: curvature of the objective along each parameter alone, others fixed. covariance: inflated for
-    misfit (see `misfit`); noise_sd: what white noise of `spread` sigmas would leave. chi_square_per_point: 1
-    when the model fits to the noise.
+    misfit (see `misfit`) and roughness (see `secant`); noise_sd: what white noise of `spread` sigmas would leave.
+    chi_square_per_point: 1 when the model fits to the noise.
     """
 
     names: tuple[str, ...]
@@ -77,6 +77,8 @@ def assess(
     inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, s))
     noise_only = (Vt.T * inverse**2) @ Vt / np.outer(D, D)
     covariance = misfit_covariance(J, r, run, instant, noise_only)
+    if solution.roughness is not None:
+        covariance = covariance + solution.roughness
     data = run >= 0
     degrees = max(int(data.sum()) - len(names), 1)
     chi = spread**2 * float(r[data] @ r[data]) / degrees

@@ -44,7 +44,7 @@ def misfit_covariance(
     S = S * min(independent / max(independent - p, 1.0), 4.0) + J[~data].T @ J[~data]
     count = int(data.sum())
     white = max(float(r[data] @ r[data]) / max(count - p, 1), 1.0) * noise_only
-    return _largest(white, noise_only @ S @ noise_only)
+    return largest(white, noise_only @ S @ noise_only)
 
 
 def _independent(r: Float[np.ndarray, " n"]) -> float:
@@ -88,7 +88,7 @@ def _bandwidth(e: Float[np.ndarray, "t p"]) -> int:
     return int(min(np.ceil(1.1447 * (alpha * T) ** (1.0 / 3.0)), T // 4))
 
 
-def _largest(A: Float[np.ndarray, "p p"], B: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+def largest(A: Float[np.ndarray, "p p"], B: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
     """Smallest inflation of A that is at least B along B's eigenvectors in A's metric."""
     w, V = np.linalg.eigh(A)
     w = np.maximum(w, 1e-14 * max(w.max(), 1e-300))

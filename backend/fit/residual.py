@@ -158,6 +158,10 @@ class Residuals:
             trace_back if self.derivatives == "adjoint" else None,
         )  # fmt: skip
 
+    def alone(self, fraction: float = 1.0) -> LeastSquares:
+        """The same, simulated without derivatives beside it where none are asked for."""
+        return replace(self.problem(fraction), residual=lambda x: self.residual(x, fraction))
+
     def evaluate(self, x: np.ndarray, fraction: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """(r, J) at x, rows as `rows` says."""
         p = len(self.parameters)

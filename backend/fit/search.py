@@ -12,6 +12,7 @@ from backend.fit.checkpoint import Checkpoint
 from backend.fit.loss import LossName
 from backend.fit.pace import Pace
 from backend.fit.residual import Residuals
+from backend.fit.retrace import RETRACED, Part, astray, retrace
 from backend.fit.secant import narrowed, smoothed
 from backend.fit.solve import Iteration, LeastSquares, Optimiser, Solution, robust_weights, solve
 from backend.fit.starts import best_of
@@ -79,7 +80,35 @@ class Search:
                 return self._reweighted(found)
             x = found.x if np.isfinite(found.objective) else x
             self.parts.append((fraction, x))
-        return self.at_full_length(x, words)
+        found = self.at_full_length(x, words)
+        return self.retraced(found) if self.residuals.strikes else found
+
+    def retraced(self, found: Solution) -> Solution:
+        """The better of this end and of the one that `retrace` leads to from the part fitted first, where whole
+        records are missed by more than that.
+        """
+        if found.status == "cancelled" or not self.parts or np.any(found.weights != 1.0):
+            return found
+        missed, spread = self.residuals.misfit(found.x), self.residuals.spread
+        first = Part(*self.parts[0])
+        if not astray(self.residuals, first, missed):
+            return found
+
+        def tell(fraction: float) -> None:
+            self.pace.enter(PART, f"following the first {100 * fraction:.0f}%")
+
+        try:
+            way = retrace(self.residuals, lambda part: self.watched(self.residuals.alone(part)), first, tell)
+        except Cancelled:
+            self.residuals.spread = spread
+            return broken_off(found)
+        if not way or not self.residuals.misfit(way[-1].x) < missed:
+            self.residuals.spread = spread
+            return found
+        *before, end = way
+        self.parts[:] = [(part.fraction, part.x) for part in before]
+        self.residuals.learn_spread(end.x)
+        return self._reweighted(replace(found, x=end.x, status="rough", message=RETRACED, roughness=end.roughness))
 
     def part(self, x: np.ndarray, fraction: float, words: str) -> Solution:
         """A few steps over the first part of every record; values of which it says nothing stay where they are."""

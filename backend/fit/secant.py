@@ -9,11 +9,12 @@ are settled together (statistical linearisation, cf. Gelb 1974, Applied Optimal 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from backend.fit.misfit import largest
 from backend.fit.solve import LeastSquares, Solution, Vector, step_within
 
 ROUNDS = 6
@@ -27,27 +28,69 @@ NARROWER = (1.0, 0.5, 0.5, 0.25, 0.25, 0.125)  # of that, one step after the oth
 SHORTER = (1.0, 0.5, 0.25)  # of a step, until one is better
 
 
+@dataclass(frozen=True)
+class Rest:
+    """Where such steps came to rest. roughness: what it adds to the covariance; sd: with it and white noise, within
+    what a difference may reach.
+    """
+
+    x: Vector
+    residual: Float[np.ndarray, " n"]
+    jacobian: Float[np.ndarray, "n p"]
+    roughness: Float[np.ndarray, "p p"]
+    sd: Vector
+    evaluations: int
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "p p"]:
+        """Of white noise and roughness, with these deviations."""
+        both = _of_noise(self.jacobian) + self.roughness
+        scale = self.sd / np.sqrt(np.where(np.diag(both) > 0, np.diag(both), self.sd**2))
+        return both * np.outer(scale, scale)
+
+
 def smoothed(problem: LeastSquares, found: Solution) -> Solution:
-    """Gauss-Newton on such slopes from where the search ended; the solution carries them as its Jacobian."""
+    """Gauss-Newton on such slopes from where the search ended; the solution carries them as its Jacobian, and what
+    roughness adds to its covariance, which is no less than what it left open before.
+    """
     if not np.all(np.isfinite(found.jacobian)) or np.any(found.weights != 1.0):
         return found
-    x, r, J, objective = found.x, found.residual, found.jacobian, 0.5 * float(found.residual @ found.residual)
-    sd, evaluations = _deviations(problem, x, J, WIDER), found.evaluations
-    for _ in range(ROUNDS):
-        J, around = secants(problem, x, r, FAR * sd, range(x.size))
+    sd = deviations(problem, found.x, found.jacobian, WIDER)
+    if found.roughness is not None:
+        sd = np.hypot(sd, np.sqrt(np.diag(found.roughness)))
+    rest = settle(problem, found.x, found.residual, sd)
+    roughness = rest.roughness if found.roughness is None else largest(rest.roughness, found.roughness)
+    return replace(
+        found, x=rest.x, residual=rest.residual, jacobian=rest.jacobian, roughness=roughness,
+        objective=0.5 * float(rest.residual @ rest.residual), evaluations=found.evaluations + rest.evaluations,
+    )  # fmt: skip
+
+
+def settle(
+    problem: LeastSquares, x: Vector, r: Float[np.ndarray, " n"], sd: Vector, rounds: int = ROUNDS
+) -> Rest:  # fmt: skip
+    """Steps by differences over the deviations, and deviations by these differences, in turn until neither changes.
+
+    sd: to begin with, wide rather than narrow: roughness is as fine as one looks.
+    """
+    objective, J, roughness, evaluations = 0.5 * float(r @ r), np.zeros((r.size, x.size)), np.zeros((x.size, x.size)), 0
+    for _ in range(rounds):
+        J, around, bends = secants(problem, x, r, FAR * sd, range(x.size))
+        roughness = _of_roughness(J, bends)
+        step, before, moved = step_within(problem, x, J, around), sd, False
+        sd = np.hypot(deviations(problem, x, J), np.sqrt(np.diag(roughness)))
         evaluations += 2 * x.size
-        trial = np.clip(x + step_within(problem, x, J, around), problem.lower, problem.upper)
-        at = problem.residual(trial)
-        evaluations += 1
-        better = np.all(np.isfinite(at)) and 0.5 * float(at @ at) < objective + SLACK
-        before, sd = sd, _deviations(problem, x, J)
-        settled = bool(np.all(np.abs(sd - before) < SETTLED * before))
-        if better:
-            settled &= bool(np.all(np.abs(trial - x) < SETTLED * sd))
-            x, r, objective = trial, at, 0.5 * float(at @ at)
-        if settled:
+        for part in SHORTER:
+            trial = np.clip(x + part * step, problem.lower, problem.upper)
+            at = problem.residual(trial)
+            evaluations += 1
+            if np.all(np.isfinite(at)) and 0.5 * float(at @ at) < objective + SLACK * (part == 1.0):
+                moved = bool(np.any(np.abs(trial - x) >= SETTLED * sd))
+                x, r, objective = trial, at, 0.5 * float(at @ at)
+                break
+        if not moved and np.all(np.abs(sd - before) < SETTLED * before):
             break
-    return replace(found, x=x, residual=r, jacobian=J, objective=objective, evaluations=evaluations)
+    return Rest(x, r, J, roughness, sd, evaluations)
 
 
 def narrowed(problem: LeastSquares, found: Solution) -> Solution:
@@ -58,7 +101,7 @@ def narrowed(problem: LeastSquares, found: Solution) -> Solution:
         return found
     x, r, objective = found.x, found.residual, 0.5 * float(found.residual @ found.residual)
     for share in NARROWER:
-        J, _ = secants(problem, x, r, share * MOST * np.where(x == 0.0, problem.scale, np.abs(x)), range(x.size))
+        J = secants(problem, x, r, share * MOST * np.where(x == 0.0, problem.scale, np.abs(x)), range(x.size))[0]
         step = step_within(problem, x, J, r)
         for part in SHORTER:
             trial = np.clip(x + part * step, problem.lower, problem.upper)
@@ -69,24 +112,41 @@ def narrowed(problem: LeastSquares, found: Solution) -> Solution:
     return replace(found, x=x, objective=objective)
 
 
-def _deviations(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], wider: float = 1.0) -> Vector:
-    """Standard deviations of white noise, or a multiple of them, within what a difference may reach."""
+def _of_noise(J: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p p"]:
     columns = np.linalg.norm(J, axis=0)
-    scaled = J / np.where(columns > 0, columns, 1.0)
+    D = np.where(columns > 0, columns, 1.0)
+    return np.linalg.pinv((J / D).T @ (J / D), hermitian=True) / np.outer(D, D)
+
+
+def deviations(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], wider: float = 1.0) -> Vector:
+    """Standard deviations of white noise, or a multiple of them, within what a difference may reach."""
     reach = np.maximum(np.abs(x), problem.scale)
-    spread = wider * np.sqrt(np.maximum(np.diag(np.linalg.pinv(scaled.T @ scaled, hermitian=True)), 0.0))
-    sd = np.where(columns > 0, spread / np.where(columns > 0, columns, 1.0), MOST * reach)
+    sd = wider * np.sqrt(np.maximum(np.diag(_of_noise(J)), 0.0))
+    sd = np.where(np.any(J != 0.0, axis=0), sd, MOST * reach)
     return np.clip(sd, np.minimum(LEAST * np.abs(x) + 1e-9 * reach, MOST * reach), MOST * reach)
+
+
+def _of_roughness(J: Float[np.ndarray, "n p"], bends: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "p p"]:
+    """Covariance of the estimate by what differences do not agree on; those along which the motion is smooth, or that
+    data hold too tightly to reach anything, do not count.
+    """
+    columns, power = np.linalg.norm(J, axis=0), np.sum(bends**2, axis=0)
+    if not np.any(power > 0):
+        return np.zeros((J.shape[1], J.shape[1]))
+    D = np.where(columns > 0, columns, 1.0)
+    shifts = np.linalg.pinv(J / D) @ bends / D[:, None]
+    return shifts @ shifts.T / (6.0 * power.sum() ** 2 / np.sum(power**2))
 
 
 def secants(
     problem: LeastSquares, x: Vector, r: Float[np.ndarray, " n"], reach: Vector, columns: Sequence[int]
-) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, " n"]]:
-    """Differences over a reach each way, and the mean residual around x, whose roughness is averaged out.
+) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
+    """Differences over a reach each way, the mean residual around x, whose roughness is averaged out, and the second
+    difference of every pair.
 
-    On one side where a bound is nearer or a motion is lost; such a pair stays out of the mean.
+    On one side where a bound is nearer or a motion is lost; such a pair stays out of the mean and has no second one.
     """
-    J, around, points = np.zeros((r.size, len(columns))), r.copy(), 1
+    J, around, bends = np.zeros((r.size, len(columns))), r.copy(), []
     for k, j in enumerate(columns):
         ends = []
         for side in (1.0, -1.0):
@@ -98,5 +158,6 @@ def secants(
         if high > low:
             J[:, k] = (above - below) / (high - low)
         if np.isclose(high - x[j], x[j] - low, rtol=1e-6):
-            around, points = around + above + below, points + 2
-    return J, around / points
+            around = around + above + below
+            bends.append(above + below - 2.0 * r)
+    return J, around / (1 + 2 * len(bends)), np.reshape(bends, (len(bends), r.size)).T

@@ -79,7 +79,11 @@ class Iteration:
 
 @dataclass(frozen=True)
 class Solution:
-    """Where the search ended, and how: r and J are whitened and unweighted, weights are the robust ones."""
+    """Where the search ended, and how: r and J are whitened and unweighted, weights are the robust ones.
+
+    roughness: covariance that the simulation itself adds where it is rough at a finer scale than data tell apart, None
+    where no one looked.
+    """
 
     x: Vector
     residual: Float[np.ndarray, " n"]
@@ -91,6 +95,7 @@ class Solution:
     at_bound: tuple[bool, ...]
     history: tuple[Iteration, ...] = field(repr=False)
     evaluations: int = 0
+    roughness: Float[np.ndarray, "p p"] | None = None
 
     @property
     def converged(self) -> bool:

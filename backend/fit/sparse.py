@@ -15,7 +15,7 @@ from backend.fit.residual import Residuals
 from backend.fit.run import Run
 from backend.fit.search import Cancelled, Search, broken_off
 from backend.fit.secant import MOST, secants
-from backend.fit.solve import LeastSquares, Solution
+from backend.fit.solve import Solution
 from backend.fit.trial import SHARES, brought, trials
 from backend.mechanism.fit_report import Deviation
 
@@ -120,7 +120,7 @@ class Sparse:
                 break
             begin = end
         self.full.spread, self.full.memory = self.few.learn_spread(begin, part), self.few.memory
-        few, full = (search.watched(_alone(each, part)) for each in (self.few, self.full))
+        few, full = (search.watched(each.alone(part)) for each in (self.few, self.full))
         few_apart = [g for g in self.groups if 2 * len({*g.members} & {*apart}) + 2 <= len(g.members)]
         places = [i for g in few_apart for i in g.members if i not in apart]
         names = [f.on[0] for f in self.full.parameters]
@@ -155,7 +155,7 @@ class Sparse:
         """The names that were there, and of those that came to them the ones that take away, simulated, as much as they
         have to by a linear estimate.
         """
-        few, full = (search.watched(_alone(each)) for each in (self.few, self.full))
+        few, full = (search.watched(each.alone()) for each in (self.few, self.full))
         values = dict(zip(self._candidates(), named.values, strict=True))
         more = [
             i for i in named.apart
@@ -271,7 +271,7 @@ class Sparse:
         candidates = self._candidates()
         if not self.full.strikes:
             return self.full.evaluate(x)[1][:, candidates]
-        problem = search.watched(_alone(self.full))
+        problem = search.watched(self.full.alone())
         reach = MOST * np.where(x == 0.0, problem.scale, np.abs(x))
         return secants(problem, x, r, reach, candidates)[0]
 
@@ -294,8 +294,3 @@ class Sparse:
         """Shared values are the median of what is tied."""
         p = len(self.full.parameters)
         return np.concatenate([[np.median(x[:p][column > 0]) for column in self.matrix.T], x[p:]])
-
-
-def _alone(residuals: Residuals, fraction: float = 1.0) -> LeastSquares:
-    """Its problem, simulated without derivatives beside it."""
-    return replace(residuals.problem(fraction), residual=lambda x: residuals.residual(x, fraction))

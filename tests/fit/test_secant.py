@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.fit.secant import narrowed, smoothed
+from backend.fit.secant import narrowed, settle, smoothed
 from backend.fit.solve import LeastSquares, solve
 
 TRUTH = np.array([2.0, 0.3])
@@ -51,9 +51,22 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     for seed in range(60):
         problem = rough_problem(seed, 0.05)
         found = smoothed(problem, solve(problem, TRUTH + np.array([0.03, -0.02])))
-        held.append(np.abs(found.x - TRUTH) < 1.96 * deviations(found.jacobian))
+        assert found.roughness is not None
+        sd = np.hypot(deviations(found.jacobian), np.sqrt(np.diag(found.roughness)))
+        held.append(np.abs(found.x - TRUTH) < 1.96 * sd)
     # 120 intervals of 95%, of which two in a row are correlated: 88% is three standard errors below.
     assert np.mean(held) > 0.88
+
+
+@pytest.mark.parametrize("ripple", [0.0, 0.2])
+def test_intervals_count_roughness_and_nothing_where_there_is_none(ripple):
+    """Ripples of a share of the noise, other ones in every sample, move the estimate by that share of its deviation."""
+    shares = []
+    for seed in range(40):
+        problem = rough_problem(seed, ripple, fine=1e-3 * np.exp(-0.05 * seed))
+        rest = settle(problem, TRUTH, problem.residual(TRUTH), 0.02 * np.ones(2))
+        shares.append(np.diag(rest.roughness) / deviations(rest.jacobian) ** 2)
+    assert np.sqrt(np.mean(shares)) == pytest.approx(ripple, rel=0.3, abs=1e-6)
 
 
 def test_a_bound_nearer_than_a_deviation_is_respected():
