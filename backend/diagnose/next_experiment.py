@@ -9,7 +9,7 @@ from backend.diagnose.library import Candidate
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Subject
 from backend.diagnose.which import Cause
-from backend.fit.prediction import look
+from backend.fit.remedy import pose_words
 from backend.mechanism.gap_report import NextExperiment
 
 REACHES = (-0.6, -0.3, 0.3, 0.6)  # rad, or mechanism lengths, from a release that was made
@@ -65,19 +65,9 @@ def _apart(subject: Subject, a: Cause, b: Cause, probe: Probe, direction: int, r
 
 
 def _pose_words(subject: Subject, probe: Probe, own: np.ndarray) -> str:
-    """The pose in the user's words: the coordinates of the first joints."""
-    setting = probe.setting
-    at, slope = look(setting.model, setting.reference, setting.motions)
-    q = np.asarray(at)[: len(subject.model.topology.joint_ids)]
-    q = q + np.asarray(slope)[: q.size] @ own[: probe.mobility]
-    words = []
-    joints = subject.model.topology
-    for i, (id, kind) in enumerate(zip(joints.joint_ids, joints.joint_types, strict=True)):
-        if id in subject.joints and len(words) < max(probe.mobility, 1):
-            at = f"{1e3 * q[i]:.0f} mm" if kind == "prismatic" else f"{np.degrees(q[i]):.0f} deg"
-            words.append(f"{id} at {at}")
     rest = "from rest" if not probe.moving else "with the speed of the first experiment"
-    return f"with {', '.join(words)} {rest}, as long a record as before"
+    pose = pose_words(probe.setting, own[: probe.mobility], subject.joints)
+    return f"with {pose} {rest}, as long a record as before"
 
 
 def _measure(a: Cause, b: Cause) -> str:

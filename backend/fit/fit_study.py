@@ -25,10 +25,11 @@ from backend.fit.loss import LossName
 from backend.fit.pace import Pace, Progress
 from backend.fit.prediction import addresses_of
 from backend.fit.price import Way, account
+from backend.fit.remedy import left_open, remedies, sentences
 from backend.fit.residual import Residuals
 from backend.fit.result import FitResult, Overlay, make_report, overlays_of
 from backend.fit.run import Run
-from backend.fit.search import PART, WHOLE, Search
+from backend.fit.search import PART, WHOLE, Cancelled, Search
 from backend.fit.solve import Optimiser, Solution
 from backend.fit.sparse import Sparse
 from backend.fit.starts import scattered
@@ -122,6 +123,8 @@ def fit_study(
     if shared:
         solution = shared.seek(search, solution)
         residuals, held_out = shared.few, [shared.run(run) for run in held_out]
+    if residuals.strikes:
+        solution = search.retraced(solution)
     if noise == "ar1" and solution.converged:
         residuals.learn_memory(solution.x)
         solution = search.at_full_length(solution.x)
@@ -156,6 +159,14 @@ def fit_study(
         complete = len(intervals) == sum(np.isfinite(uncertainty.sd[:p]))
         if not complete:
             warnings.append("Cancelled before every profile was drawn: the search itself had converged.")
+        elif left_open(uncertainty, solution.x, p):
+            pace.step("what would tell the values left open")
+            try:
+                joints = [joint.id for joint in study.mechanism.joints]
+                tried = remedies(residuals, solution, uncertainty, joints, search.heed)
+                warnings += sentences(residuals, solution, uncertainty, tried)
+            except Cancelled:
+                warnings.append("Cancelled while what would tell the values left open was sought.")
     pace.enter(OVERLAYS, "simulating every experiment before and after")
     overlays = _overlays(residuals, held_out, solution)
     solution = replace(solution, message=solution.message + account(residuals.derivatives, solution.x.size))

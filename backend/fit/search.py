@@ -48,10 +48,10 @@ class Search:
 
     def from_starts(self, starts: Sequence[Float[np.ndarray, " x"]], horizons: Sequence[float]) -> Solution:
         """The likeliest end of the searches from several starts, and the weights that belong to it."""
-        spread: dict[int, float] = {}
+        left: dict[int, tuple[float, list[tuple[float, np.ndarray]]]] = {}
 
         def likelihood(found: Solution) -> float:
-            spread[id(found)] = self.residuals.spread
+            left[id(found)] = self.residuals.spread, list(self.parts)
             # The misfit divides what it weighs, so an objective alone says nothing of how large it was.
             motion = self.residuals.rows().motion
             value = 0.5 * float(found.weights @ found.residual**2) + motion * np.log(self.residuals.spread)
@@ -61,7 +61,7 @@ class Search:
             return found.status == "cancelled"
 
         best, ends = best_of(lambda x: self.through(x, horizons), starts, likelihood, stop)
-        self.residuals.spread = spread[id(best)]
+        self.residuals.spread, self.parts[:] = left[id(best)]
         return best if not stop(ends[-1]) else replace(best, status="cancelled", message=ends[-1].message)
 
     def through(self, x: np.ndarray, horizons: Sequence[float], words: str = "fitting whole records") -> Solution:
@@ -80,8 +80,7 @@ class Search:
                 return self._reweighted(found)
             x = found.x if np.isfinite(found.objective) else x
             self.parts.append((fraction, x))
-        found = self.at_full_length(x, words)
-        return self.retraced(found) if self.residuals.strikes else found
+        return self.at_full_length(x, words)
 
     def retraced(self, found: Solution) -> Solution:
         """The better of this end and of the one that `retrace` leads to from the part fitted first, where whole
@@ -90,7 +89,9 @@ class Search:
         if found.status == "cancelled" or not self.parts or np.any(found.weights != 1.0):
             return found
         missed, spread = self.residuals.misfit(found.x), self.residuals.spread
-        first = Part(*self.parts[0])
+        fraction, end = self.parts[0]
+        # Where values were set apart since that part was fitted, the end of the whole may explain it better.
+        first = Part(fraction, min((end, found.x), key=lambda x: self.residuals.misfit(x, fraction)))
         if not astray(self.residuals, first, missed):
             return found
 

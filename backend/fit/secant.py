@@ -24,8 +24,22 @@ SETTLED = 0.1  # relative change of the deviations that ends the rounds
 SLACK = 1.0  # by how much roughness alone may raise the objective at a better point: half a chi-square is 0.5
 MOST = 0.5  # of its own or its natural size: as far as a difference may reach
 LEAST = 1e-3
+WORTH = 0.01  # of a variance, that roughness must add to be looked at more closely
 NARROWER = (1.0, 0.5, 0.5, 0.25, 0.25, 0.125)  # of that, one step after the other
 SHORTER = (1.0, 0.5, 0.25)  # of a step, until one is better
+
+
+@dataclass(frozen=True)
+class Differences:
+    """slopes: over a distance each way, in some of the unknowns. around: mean residual, whose roughness averages out.
+    bends: second difference of every pair; distance: half of what lies between its ends. Both are zero where one end
+    was on a bound or lost.
+    """
+
+    slopes: Float[np.ndarray, "n c"]
+    around: Float[np.ndarray, " n"]
+    bends: Float[np.ndarray, "n c"]
+    distance: Float[np.ndarray, " c"]
 
 
 @dataclass(frozen=True)
@@ -75,11 +89,14 @@ def settle(
     """
     objective, J, roughness, evaluations = 0.5 * float(r @ r), np.zeros((r.size, x.size)), np.zeros((x.size, x.size)), 0
     for _ in range(rounds):
-        J, around, bends = secants(problem, x, r, FAR * sd, range(x.size))
-        roughness = _of_roughness(J, bends)
-        step, before, moved = step_within(problem, x, J, around), sd, False
+        found = secants(problem, x, r, FAR * sd, range(x.size))
+        J, evaluations = found.slopes, evaluations + 2 * x.size
+        roughness = _of_roughness(J, found.bends / np.sqrt(6.0))
+        if np.any(np.diag(roughness) > WORTH * np.diag(_of_noise(J))):
+            roughness = _of_roughness(J, _scatter(problem, x, r, found))
+            evaluations += 2 * int(np.sum(found.distance > 0))
+        step, before, moved = step_within(problem, x, J, found.around), sd, False
         sd = np.hypot(deviations(problem, x, J), np.sqrt(np.diag(roughness)))
-        evaluations += 2 * x.size
         for part in SHORTER:
             trial = np.clip(x + part * step, problem.lower, problem.upper)
             at = problem.residual(trial)
@@ -101,7 +118,7 @@ def narrowed(problem: LeastSquares, found: Solution) -> Solution:
         return found
     x, r, objective = found.x, found.residual, 0.5 * float(found.residual @ found.residual)
     for share in NARROWER:
-        J = secants(problem, x, r, share * MOST * np.where(x == 0.0, problem.scale, np.abs(x)), range(x.size))[0]
+        J = secants(problem, x, r, share * MOST * np.where(x == 0.0, problem.scale, np.abs(x)), range(x.size)).slopes
         step = step_within(problem, x, J, r)
         for part in SHORTER:
             trial = np.clip(x + part * step, problem.lower, problem.upper)
@@ -112,41 +129,12 @@ def narrowed(problem: LeastSquares, found: Solution) -> Solution:
     return replace(found, x=x, objective=objective)
 
 
-def _of_noise(J: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p p"]:
-    columns = np.linalg.norm(J, axis=0)
-    D = np.where(columns > 0, columns, 1.0)
-    return np.linalg.pinv((J / D).T @ (J / D), hermitian=True) / np.outer(D, D)
-
-
-def deviations(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], wider: float = 1.0) -> Vector:
-    """Standard deviations of white noise, or a multiple of them, within what a difference may reach."""
-    reach = np.maximum(np.abs(x), problem.scale)
-    sd = wider * np.sqrt(np.maximum(np.diag(_of_noise(J)), 0.0))
-    sd = np.where(np.any(J != 0.0, axis=0), sd, MOST * reach)
-    return np.clip(sd, np.minimum(LEAST * np.abs(x) + 1e-9 * reach, MOST * reach), MOST * reach)
-
-
-def _of_roughness(J: Float[np.ndarray, "n p"], bends: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "p p"]:
-    """Covariance of the estimate by what differences do not agree on; those along which the motion is smooth, or that
-    data hold too tightly to reach anything, do not count.
-    """
-    columns, power = np.linalg.norm(J, axis=0), np.sum(bends**2, axis=0)
-    if not np.any(power > 0):
-        return np.zeros((J.shape[1], J.shape[1]))
-    D = np.where(columns > 0, columns, 1.0)
-    shifts = np.linalg.pinv(J / D) @ bends / D[:, None]
-    return shifts @ shifts.T / (6.0 * power.sum() ** 2 / np.sum(power**2))
-
-
 def secants(
     problem: LeastSquares, x: Vector, r: Float[np.ndarray, " n"], reach: Vector, columns: Sequence[int]
-) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
-    """Differences over a reach each way, the mean residual around x, whose roughness is averaged out, and the second
-    difference of every pair.
-
-    On one side where a bound is nearer or a motion is lost; such a pair stays out of the mean and has no second one.
-    """
-    J, around, bends = np.zeros((r.size, len(columns))), r.copy(), []
+) -> Differences:  # fmt: skip
+    """Differences over a reach each way; on one side where a bound is nearer or a motion is lost."""
+    J, bends, distance = np.zeros((r.size, len(columns))), np.zeros((r.size, len(columns))), np.zeros(len(columns))
+    around = r.copy()
     for k, j in enumerate(columns):
         ends = []
         for side in (1.0, -1.0):
@@ -159,5 +147,41 @@ def secants(
             J[:, k] = (above - below) / (high - low)
         if np.isclose(high - x[j], x[j] - low, rtol=1e-6):
             around = around + above + below
-            bends.append(above + below - 2.0 * r)
-    return J, around / (1 + 2 * len(bends)), np.reshape(bends, (len(bends), r.size)).T
+            bends[:, k], distance[k] = above + below - 2.0 * r, 0.5 * (high - low)
+    return Differences(J, around / (1 + 2 * int(np.sum(distance > 0))), bends, distance)
+
+
+def _scatter(problem: LeastSquares, x: Vector, r: Float[np.ndarray, " n"], found: Differences):
+    """(n, p): what second differences over the distances and over half of them disagree on, in deviations of one
+    simulation's roughness: alone, each is a smooth curve's as well.
+    """
+    E, columns = np.zeros_like(found.bends), np.flatnonzero(found.distance).tolist()
+    half = secants(problem, x, r, 0.5 * found.distance, columns)
+    E[:, columns] = np.where(half.distance > 0, found.bends[:, columns] - 4.0 * half.bends, 0.0) / np.sqrt(70.0)
+    return E
+
+
+def _of_noise(J: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p p"]:
+    columns = np.linalg.norm(J, axis=0)
+    D = np.where(columns > 0, columns, 1.0)
+    return np.linalg.pinv((J / D).T @ (J / D), hermitian=True) / np.outer(D, D)
+
+
+def _of_roughness(J: Float[np.ndarray, "n p"], E: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p p"]:
+    """Covariance of the estimate by roughness of which these are draws; those along which the motion is smooth, or that
+    data hold too tightly to reach anything, do not count.
+    """
+    columns, power = np.linalg.norm(J, axis=0), np.sum(E**2, axis=0)
+    if not np.any(power > 0):
+        return np.zeros((J.shape[1], J.shape[1]))
+    D = np.where(columns > 0, columns, 1.0)
+    shifts = np.linalg.pinv(J / D) @ E / D[:, None]
+    return shifts @ shifts.T / (power.sum() ** 2 / np.sum(power**2))
+
+
+def deviations(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], wider: float = 1.0) -> Vector:
+    """Standard deviations of white noise, or a multiple of them, within what a difference may reach."""
+    reach = np.maximum(np.abs(x), problem.scale)
+    sd = wider * np.sqrt(np.maximum(np.diag(_of_noise(J)), 0.0))
+    sd = np.where(np.any(J != 0.0, axis=0), sd, MOST * reach)
+    return np.clip(sd, np.minimum(LEAST * np.abs(x) + 1e-9 * reach, MOST * reach), MOST * reach)

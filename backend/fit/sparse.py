@@ -273,7 +273,7 @@ class Sparse:
             return self.full.evaluate(x)[1][:, candidates]
         problem = search.watched(self.full.alone())
         reach = MOST * np.where(x == 0.0, problem.scale, np.abs(x))
-        return secants(problem, x, r, reach, candidates)[0]
+        return secants(problem, x, r, reach, candidates).slopes
 
     def _candidates(self) -> list[int]:
         return [i for group in self.groups for i in group.members]

@@ -46,7 +46,7 @@ def trials(
     tell: which place comes next.
     """
     r, reach = few.residual(x), MOST * np.where(x == 0.0, few.scale, np.abs(x))
-    J = secants(few, x, r, reach, range(x.size))[0]
+    J = secants(few, x, r, reach, range(x.size)).slopes
     best: dict[int, Trial] = {}
     for i in places:
         tell(i)

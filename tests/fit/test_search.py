@@ -117,10 +117,9 @@ def searched(residuals: Forking, cancelled: Any = None) -> Search:
 def test_a_motion_that_forks_is_followed_from_its_beginning_by_differences(seed):
     residuals = Forking(seed)
     search = searched(residuals)
-    search.through(np.array([1.3]), (0.1,))
-    led_astray = search.at_full_length(search.parts[0][1])
+    led_astray = search.through(np.array([1.3]), (0.1,))
     assert residuals.misfit(led_astray.x) > 3.0
-    found = searched(residuals).through(np.array([1.3]), (0.1,))
+    found = search.retraced(led_astray)
     assert found.message == RETRACED
     assert found.roughness is not None
     assert residuals.misfit(found.x) < 0.5 * residuals.misfit(led_astray.x)
@@ -133,11 +132,15 @@ def test_a_smooth_motion_is_not_gone_through_again():
     residuals.phase = np.zeros(residuals.SAMPLES)
     residuals.motion = lambda value: (value * residuals.share, residuals.share)  # type: ignore[method-assign]
     residuals.seen = residuals.share + residuals.NOISE * np.random.default_rng(0).standard_normal(residuals.SAMPLES)
-    assert searched(residuals).through(np.array([1.3]), (0.1,)).message != RETRACED
+    search = searched(residuals)
+    assert search.retraced(search.through(np.array([1.3]), (0.1,))).message != RETRACED
 
 
 def test_following_again_can_be_cancelled_and_leaves_the_end_that_was_there():
-    residuals, asked = Forking(0), []
-    through = searched(residuals, lambda: asked.append(1) or len(asked) > 60).through(np.array([1.3]), (0.1,))
-    assert through.status == "cancelled"
-    assert through.residual.size == residuals.SAMPLES
+    residuals, enough = Forking(0), []
+    search = searched(residuals, lambda: bool(enough))
+    led_astray = search.through(np.array([1.3]), (0.1,))
+    enough.append(True)
+    broken = search.retraced(led_astray)
+    assert broken.status == "cancelled"
+    np.testing.assert_array_equal(broken.x, led_astray.x)
