@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -87,14 +88,16 @@ def done_there(
         raise ValueError("--resume goes on with what lies in --out; a service resumes its own jobs: leave one out")
     drawn = read_mechanism(file.parent / read_study_file(file).mechanism if study else file)
     folder = folder_for(out, drawn.name)
-    with asking(server, key) as there, progress("sending") as advance:
+    with asking(server, key) as there, progress("sending") as advance, _interrupts() as interrupt:
         sending = partial(_sent, advance)
         things = [(there.store_study if study else there.store_mechanism)(file, sent=sending)]
         if clip is not None:
             things.append(there.store_clip(clip, sent=sending))
+        interrupt.held = True
         job = start(there, *(thing.id for thing in things))
         try:
-            job = there.wait(job, _told(advance))
+            interrupt.let_go()
+            job = there.wait(job, _told(advance, interrupt))
             written = there.download(job, folder, without=[REPORT])
             reported = any(found.path == REPORT for found in there.files(job))
             report = there.result(job).report if reported else None
@@ -111,5 +114,44 @@ def _sent(advance: Advance, part: float) -> None:
     advance(SENDING * part, "sending")
 
 
-def _told(advance: Advance) -> Callable[[ProgressAnswer], None]:
-    return lambda how_far: advance(SENDING + (1.0 - SENDING) * how_far.part, how_far.words or how_far.state)
+def _told(advance: Advance, interrupt: Interrupt) -> Callable[[ProgressAnswer], None]:
+    def told(how_far: ProgressAnswer) -> None:
+        interrupt.heed()
+        advance(SENDING + (1.0 - SENDING) * how_far.part, how_far.words or how_far.state)
+
+    return told
+
+
+class Interrupt:
+    """Ctrl-C, kept until it is heeded: raised while a job is being started it would leave that running unknown, and
+    Python drops what is raised in a destructor.  held: only noted, once.
+    """
+
+    def __init__(self):
+        self.held = self.pressed = False
+
+    def press(self, number: int, frame: Any) -> None:
+        """As a handler of the signal."""
+        again, self.pressed = self.pressed, True
+        if again or not self.held:
+            raise KeyboardInterrupt
+
+    def let_go(self) -> None:
+        """From now on it is raised at once, and now where it was held."""
+        self.held = False
+        self.heed()
+
+    def heed(self) -> None:
+        """Raise it where it was pressed and came to nothing."""
+        if self.pressed:
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def _interrupts() -> Iterator[Interrupt]:
+    interrupt = Interrupt()
+    before = signal.signal(signal.SIGINT, interrupt.press)
+    try:
+        yield interrupt
+    finally:
+        signal.signal(signal.SIGINT, before)

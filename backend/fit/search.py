@@ -13,7 +13,7 @@ from backend.fit.loss import LossName
 from backend.fit.pace import Pace
 from backend.fit.residual import Residuals
 from backend.fit.retrace import RETRACED, Part, astray, retrace
-from backend.fit.secant import narrowed, smoothed
+from backend.fit.secant import deviations, narrowed, smoothed
 from backend.fit.solve import Iteration, LeastSquares, Optimiser, Solution, robust_weights, solve
 from backend.fit.starts import best_of
 
@@ -166,9 +166,15 @@ class Search:
         return self._reweighted(solution)
 
     def smoothed(self, solution: Solution) -> Solution:
-        """As `secant.smoothed`; as it was where the fit is cancelled meanwhile."""
+        """As `secant.smoothed`, from what the first part of the records leaves open, over which a motion has hardly
+        forked; as it was where the fit is cancelled meanwhile.
+        """
+        problem, at_first = self.watched(self.residuals.problem()), None
+        if self.parts and self.residuals.strikes:
+            J = self.residuals.evaluate(solution.x, self.parts[0][0])[1]
+            at_first = deviations(problem, solution.x, J) if np.all(np.isfinite(J)) else None
         try:
-            return smoothed(self.watched(self.residuals.problem()), solution)
+            return smoothed(problem, solution, at_first)
         except Cancelled:
             return broken_off(solution)
 

@@ -25,6 +25,9 @@ SLACK = 1.0  # by how much roughness alone may raise the objective at a better p
 MOST = 0.5  # of its own or its natural size: as far as a difference may reach
 LEAST = 1e-3
 WORTH = 0.01  # of a variance, that roughness must add to be looked at more closely
+HIDDEN = 0.5  # of a slope's square: as much roughness leaves it untold
+WIDENS = 4.0  # times a distance over which it is, the next
+UNSEEN = 1e-6  # of a column's square, what is left of a slope that is roughness altogether
 NARROWER = (1.0, 0.5, 0.5, 0.25, 0.25, 0.125)  # of that, one step after the other
 SHORTER = (1.0, 0.5, 0.25)  # of a step, until one is better
 
@@ -63,13 +66,16 @@ class Rest:
         return both * np.outer(scale, scale)
 
 
-def smoothed(problem: LeastSquares, found: Solution) -> Solution:
+def smoothed(problem: LeastSquares, found: Solution, at_first: Vector | None = None) -> Solution:
     """Gauss-Newton on such slopes from where the search ended; the solution carries them as its Jacobian, and what
     roughness adds to its covariance, which is no less than what it left open before.
+
+    at_first: deviations to begin with where these are wider than a few by the exact derivative, which sees ripples.
     """
     if not np.all(np.isfinite(found.jacobian)) or np.any(found.weights != 1.0):
         return found
     sd = deviations(problem, found.x, found.jacobian, WIDER)
+    sd = sd if at_first is None else np.maximum(sd, at_first)
     if found.roughness is not None:
         sd = np.hypot(sd, np.sqrt(np.diag(found.roughness)))
     rest = settle(problem, found.x, found.residual, sd)
@@ -88,15 +94,21 @@ def settle(
     sd: to begin with, wide rather than narrow: roughness is as fine as one looks.
     """
     objective, J, roughness, evaluations = 0.5 * float(r @ r), np.zeros((r.size, x.size)), np.zeros((x.size, x.size)), 0
+    near, least = sd, np.zeros(x.size)
     for _ in range(rounds):
-        found = secants(problem, x, r, FAR * sd, range(x.size))
+        found = secants(problem, x, r, FAR * near, range(x.size))
         J, evaluations = found.slopes, evaluations + 2 * x.size
-        roughness = _of_roughness(J, found.bends / np.sqrt(6.0))
-        if np.any(np.diag(roughness) > WORTH * np.diag(_of_noise(J))):
-            roughness = _of_roughness(J, _scatter(problem, x, r, found))
+        E = found.bends / np.sqrt(6.0)
+        if np.any(np.diag(_of_roughness(found, E)) > WORTH * np.diag(_of_noise(J))):
+            E = _scatter(problem, x, r, found)
             evaluations += 2 * int(np.sum(found.distance > 0))
-        step, before, moved = step_within(problem, x, J, found.around), sd, False
+        roughness = _of_roughness(found, E)
+        step, before, moved = step_within(problem, x, J, found.around), near, False
+        # Roughness has no end towards small distances: what hides a slope there is seen past farther out.
+        least = np.where(_steeper(found, E) > HIDDEN, np.maximum(least, WIDENS * near), least)
         sd = np.hypot(deviations(problem, x, J), np.sqrt(np.diag(roughness)))
+        near = _within(problem, x, J, np.maximum(np.minimum(sd, WIDENS * near), least))
+        sd = _within(problem, x, J, sd)
         for part in SHORTER:
             trial = np.clip(x + part * step, problem.lower, problem.upper)
             at = problem.residual(trial)
@@ -105,7 +117,7 @@ def settle(
                 moved = bool(np.any(np.abs(trial - x) >= SETTLED * sd))
                 x, r, objective = trial, at, 0.5 * float(at @ at)
                 break
-        if not moved and np.all(np.abs(sd - before) < SETTLED * before):
+        if not moved and np.all(np.abs(near - before) < SETTLED * before):
             break
     return Rest(x, r, J, roughness, sd, evaluations)
 
@@ -167,21 +179,37 @@ def _of_noise(J: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p p"]:
     return np.linalg.pinv((J / D).T @ (J / D), hermitian=True) / np.outer(D, D)
 
 
-def _of_roughness(J: Float[np.ndarray, "n p"], E: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p p"]:
-    """Covariance of the estimate by roughness of which these are draws; those along which the motion is smooth, or that
-    data hold too tightly to reach anything, do not count.
+def _of_roughness(found: Differences, E: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p p"]:
+    """What roughness, of which these are draws, adds to the covariance: it moves the estimate, and it makes slopes look
+    steeper than the motion's. Where no draw differs, the motion is as smooth as it gets.
     """
-    columns, power = np.linalg.norm(J, axis=0), np.sum(E**2, axis=0)
+    J, power = found.slopes, np.sum(E**2, axis=0)
     if not np.any(power > 0):
         return np.zeros((J.shape[1], J.shape[1]))
+    columns = np.linalg.norm(J, axis=0)
     D = np.where(columns > 0, columns, 1.0)
-    shifts = np.linalg.pinv(J / D) @ E / D[:, None]
-    return shifts @ shifts.T / (power.sum() ** 2 / np.sum(power**2))
+    information = (J / D).T @ (J / D)
+    w, V = np.linalg.eigh(information - np.diag(_steeper(found, E)))
+    noise = np.linalg.pinv(information, hermitian=True)
+    more, U = np.linalg.eigh(largest((V / np.maximum(w, UNSEEN)) @ V.T, noise) - noise)
+    of_slopes = (U * np.maximum(more, 0.0)) @ U.T
+    shifts = noise @ (J / D).T @ E
+    moved = shifts @ shifts.T / (power.sum() ** 2 / np.sum(power**2))
+    return (moved + of_slopes) / np.outer(D, D)
+
+
+def _steeper(found: Differences, E: Float[np.ndarray, "n p"]) -> Vector:
+    """How much of each column's square is roughness: two draws over twice the distance."""
+    squares = np.sum(found.slopes**2, axis=0) * found.distance**2
+    return np.where(squares > 0, np.sum(E**2, axis=0) / (2.0 * np.where(squares > 0, squares, 1.0)), 0.0)
 
 
 def deviations(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], wider: float = 1.0) -> Vector:
     """Standard deviations of white noise, or a multiple of them, within what a difference may reach."""
+    return _within(problem, x, J, wider * np.sqrt(np.maximum(np.diag(_of_noise(J)), 0.0)))
+
+
+def _within(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], sd: Vector) -> Vector:
     reach = np.maximum(np.abs(x), problem.scale)
-    sd = wider * np.sqrt(np.maximum(np.diag(_of_noise(J)), 0.0))
     sd = np.where(np.any(J != 0.0, axis=0), sd, MOST * reach)
     return np.clip(sd, np.minimum(LEAST * np.abs(x) + 1e-9 * reach, MOST * reach), MOST * reach)
