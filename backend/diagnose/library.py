@@ -111,6 +111,10 @@ class Candidate:
             return np.ones(step.shape[:-1], bool)
         return ~np.any((step < 0) & self.one_sided & self.sizes, axis=-1)
 
+    def overlaps(self, other: Candidate) -> bool:
+        """Whether both are one effect, or one is inside or around the other, shared one."""
+        return self.kind == other.kind and bool(set(self.on) & set(other.on))
+
     def ties(self, count: int) -> np.ndarray:
         """(count, own): from its numbers to the library's."""
         ties = np.zeros((count, len(self.takes)))

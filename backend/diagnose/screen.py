@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 from jaxtyping import Float
 
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.library import Candidate
-from backend.diagnose.subject import ALIKE, Subject
+from backend.diagnose.subject import ALIKE, SAME, Subject
 
 DRAWS = 2000
 LARGE = 4.0  # noise variances a sample, left by a fit: beyond, first order holds for a while only
 EARLY = 0.35  # of the records
-SAME = 0.01  # of a response: what may differ between two that do the same
+DIFFERENT = 0.01  # of a response, above which two do not do the same
 
 
 @dataclass(frozen=True)
@@ -52,37 +52,41 @@ class Screen:
         """First-order values of the candidate's numbers, by name."""
         S = self.signature(candidate)
         step = np.linalg.solve(S.T @ S + np.diag(candidate.prior_sd**-2.0), S.T @ self.r)
-        step = np.clip(step, -3 * candidate.prior_sd, 3 * candidate.prior_sd)
-        return {
-            p.name: float(np.clip(p.start + d, p.lower, p.upper))
-            for p, d in zip(candidate.parameters, step, strict=True)
-        }
+        return _values(candidate, step)
 
     def imitated(self, candidate: Candidate, done: Float[np.ndarray, " n"]) -> dict[str, float] | None:
         """Values by which the candidate does to first order what another did, by name; None where it cannot."""
         S = self.signature(candidate)
         step = np.linalg.lstsq(S, done, rcond=1e-12)[0]
-        if np.sum((done - S @ step) ** 2) >= SAME * (done @ done):
+        if np.sum((done - S @ step) ** 2) >= DIFFERENT * (done @ done):
             return None
         return {p.name: float(p.start + d) for p, d in zip(candidate.parameters, step, strict=True)}
-
-    def nearest(self, candidate: Candidate, done: Float[np.ndarray, " n"]) -> tuple[float, dict[str, float]]:
-        """How far [squared sd] the candidate stays from what another did, at values within its prior, by name."""
-        S = self.signature(candidate)
-        H, b = S.T @ S + np.diag(candidate.prior_sd**-2.0), S.T @ done
-        step = np.linalg.solve(H, b)
-        values = {
-            p.name: float(np.clip(p.start + d, p.lower, p.upper))
-            for p, d in zip(candidate.parameters, step, strict=True)
-        }
-        if candidate.one_sided.any() and np.any(step[candidate.one_sided] < 0):
-            return np.inf, values
-        return float(done @ done - b @ step), values
 
     def ranking(self, candidates: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
         """Largest gain first."""
         gains = [(c, self.gain(c)) for c in candidates]
         return sorted(gains, key=lambda pair: -(pair[1] + 2.0 * pair[0].log_odds))
+
+    def sets(
+        self, candidates: Sequence[Candidate], size: int
+    ) -> Iterator[tuple[tuple[Candidate, ...], float, dict[str, float]]]:
+        """Every set of so many of these candidates: its gain, and first-order sizes, by name."""
+        ends = np.cumsum([0, *(len(c.parameters) for c in candidates)])
+        spans = [np.arange(a, b) for a, b in pairwise(ends)]
+        S = self.S @ np.concatenate([c.ties(self.S.shape[1]) for c in candidates], 1)
+        H, b = S.T @ S + np.diag(np.concatenate([c.prior_sd for c in candidates]) ** -2.0), S.T @ self.r
+        for some in combinations(range(len(candidates)), size):
+            members, at = [candidates[i] for i in some], np.concatenate([spans[i] for i in some])
+            if any(one.overlaps(other) for one, other in combinations(members, 2)):
+                continue
+            step = np.linalg.solve(H[np.ix_(at, at)], b[at])
+            steps = np.split(step, np.cumsum([spans[i].size for i in some])[:-1])
+            if all(c.allows(own) for c, own in zip(members, steps, strict=True)):
+                values: dict[str, float] = {}
+                for c, own in zip(members, steps, strict=True):
+                    sized = {p.name for p, is_size in zip(c.parameters, c.sizes, strict=True) if is_size}
+                    values |= {name: value for name, value in _values(c, own).items() if name in sized}
+                yield tuple(members), float(b[at] @ step), values
 
     def ceiling(self) -> float:
         """What all candidates together would gain to first order: no set of them gains more."""
@@ -116,6 +120,13 @@ class Screen:
             largest = np.maximum(largest, gain)
             seen = max(seen, self.gain(c))
         return float((1.0 + np.sum(largest >= seen)) / (DRAWS + 1.0))
+
+
+def _values(candidate: Candidate, step: Float[np.ndarray, " own"]) -> dict[str, float]:
+    step = np.clip(step, -3 * candidate.prior_sd, 3 * candidate.prior_sd)
+    return {
+        p.name: float(np.clip(p.start + d, p.lower, p.upper)) for p, d in zip(candidate.parameters, step, strict=True)
+    }
 
 
 def containing(about: Screen, candidates: Sequence[Candidate]) -> dict[str, list[Candidate]]:
@@ -176,6 +187,20 @@ def screen(subject: Subject, fitted: Fitted) -> Screen:
     since = [p.since_release_s[white.keep] / p.duration_s for p, white in zip(fitted.probes, seer.white, strict=True)]
     first = np.concatenate(since) <= EARLY * fitted.fraction
     return replace(whole, early=_projected(subject, fitted, S[first], fitted.r[first], fitted.J[first]))
+
+
+def beyond(fitted: Fitted, given: Sequence[Candidate]) -> Screen:
+    """Signatures about a fit's own motion with some of its members given up: what else could do what they do. Of no
+    size, these have no shape either.
+    """
+    choice = fitted.choice
+    names = {p.name for c in given for p in c.parameters}
+    own = np.array([p.name in names for p in choice.parameters])
+    shift = np.where(own[: choice.own] & choice.sizes, (fitted.values - choice.start)[: choice.own], 0.0)
+    rest = np.concatenate([~own, np.ones(fitted.x.size - fitted.count, bool)])
+    S = library_slopes(fitted, SAME, fitted.choice.candidates)
+    left = replace(fitted, J=fitted.J[:, rest], precision=fitted.precision[rest])
+    return _projected(fitted.subject, left, S, fitted.r + fitted.J[:, : choice.own] @ shift, left.J)
 
 
 def library_slopes(

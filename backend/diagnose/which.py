@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.library import Candidate
 from backend.diagnose.noise_learnt import remember, set_aside
 from backend.diagnose.probe import Probe
-from backend.diagnose.screen import EARLY, Screen, containing, screen, tuned
+from backend.diagnose.screen import EARLY, Screen, beyond, containing, screen, tuned
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
 from backend.diagnose.unseen import Left, Unseen, unseen
@@ -35,6 +36,7 @@ PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
 APART = 9.0  # squared sd below which two explanations do the same
 ALIASES = 12  # of them that are refitted
+EXCHANGED = 2  # members of a set, at once, for others that do the same
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
 Wider = Mapping[str, Sequence[Candidate]]
 
@@ -263,26 +265,25 @@ class Search:
         return rest
 
     def complete(self, cause: Cause, scale: float) -> list[Cause]:
-        """Sets not tried so far that do to first order what a cause does, one member for another: any pin of a linkage
-        of one freedom rubs like the next, and no level refits them all. scale: of all sigmas.
+        """Sets not tried so far that leave to first order no more than a cause does, up to two members exchanged at
+        once: any pin of a linkage of one freedom rubs like the next, and a pair does what another does of which neither
+        member was in any set that a level refits. scale: of all sigmas.
         """
+        size = min(len(cause.candidates), EXCHANGED)
         found: list[tuple[float, Choice, dict[str, float]]] = []
-        for member in cause.candidates:
-            rest = [c for c in cause.candidates if c is not member]
-            about = self.screens.get(tuple(sorted(c.name for c in rest)), self.screens.get(()))
-            if about is None or about.fitted.fraction < cause.fitted.fraction:
-                continue
-            size = np.array([cause.values[p.name] - p.start for p in member.parameters])
-            done = about.rescaled(scale).signature(member) @ size
-            for other in self.subject.library.candidates:
-                names = tuple(sorted([other.name, *(c.name for c in rest)]))
-                if names in self.tried or any(c.kind == other.kind and set(c.on) & set(other.on) for c in rest):
-                    continue
-                apart, values = about.rescaled(scale).nearest(other, done)
-                if apart < APART:
-                    found.append((apart - 2.0 * other.log_odds, self.subject.choose(*rest, other), values))
+        for given in combinations(cause.candidates, size):
+            rest = [c for c in cause.candidates if c not in given]
+            every = dict.fromkeys([*given, *self.subject.library.candidates])  # a closer form is not in the library
+            free = [c for c in every if not any(c.overlaps(kept) for kept in rest)]
+            sets = list(beyond(cause.fitted, given).rescaled(scale).sets(free, size))
+            own = next((gain for members, gain, _ in sets if set(members) == set(given)), np.inf)
+            for members, gain, values in sets:
+                names = tuple(sorted(c.name for c in (*rest, *members)))
+                if gain > own - APART and names not in self.tried:
+                    worth = gain + 2.0 * sum(c.log_odds for c in members)
+                    found.append((worth, self.subject.choose(*rest, *members), values))
         made = []
-        for _, choice, values in sorted(found, key=lambda f: f[0])[:ALIASES]:
+        for _, choice, values in sorted(found, key=lambda f: -f[0])[:ALIASES]:
             if not self.cancelled():
                 self.tell(f"trying {choice.name} as well")
                 made.append(fit(self.subject, choice, start=_from(cause.fitted, choice, values)))
@@ -463,4 +464,4 @@ def _in_order(fitted: Fitted) -> bool:
 
 def _new(candidate: Candidate, parent: Cause) -> bool:
     """Not the same effect, nor one inside or around a shared one, of the parent's."""
-    return all(not (c.kind == candidate.kind and set(c.on) & set(candidate.on)) for c in parent.candidates)
+    return not any(c.overlaps(candidate) for c in parent.candidates)

@@ -160,6 +160,26 @@ def test_a_member_that_stood_for_another_is_exchanged_for_it(drawing):
     assert right.values["viscous_friction:j1.damping_n_m_s_per_rad"] == pytest.approx(4e-3, rel=0.1)
 
 
+def test_a_pair_finds_one_that_does_the_same_with_no_member_of_its_own(drawing):
+    from backend.diagnose.fitted import fit, log_evidence
+    from backend.diagnose.library import SMOOTH, library
+    from backend.diagnose.subject import prepare
+    from backend.diagnose.which import APART, Cause, Search
+
+    told = study(drawing, 5, lambda t, q, rate: -4e-3 * rate - 0.05 * np.sin(q))
+    search = Search(prepare(told, library(drawing, SMOOTH, told.tolerances, FEW), 2e-3), lambda w: None, lambda: False)
+    search.baseline()
+    of = {c.name: c for c in search.subject.library.candidates}
+    fitted = fit(search.subject, search.subject.choose(of["linear_drag:bar"], of["inertia_error:bar"]))
+    known = Cause(fitted, log_evidence(fitted))
+    assert list(search.tried) == [()]  # no level led to either of the two
+    found = {c.names: c for c in search.complete(known, 1.0)}
+    same = found[("frame_rate_error:camera", "viscous_friction:j1")]
+    assert abs(same.fitted.chi2 - fitted.chi2) < APART
+    assert same.values["viscous_friction:j1.damping_n_m_s_per_rad"] == pytest.approx(4e-3, rel=0.05)
+    assert all(c.fitted.chi2 < fitted.chi2 + 2.0 * APART for c in found.values())  # what cannot do it is not fitted
+
+
 def test_a_drawing_that_is_right_has_no_gap(drawing):
     from backend.diagnose.run import diagnose_study
 
