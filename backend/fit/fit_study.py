@@ -160,13 +160,7 @@ def fit_study(
         if not complete:
             warnings.append("Cancelled before every profile was drawn: the search itself had converged.")
         elif left_open(uncertainty, solution.x, p):
-            pace.step("what would tell the values left open")
-            try:
-                joints = [joint.id for joint in study.mechanism.joints]
-                tried = remedies(residuals, solution, uncertainty, joints, search.heed)
-                warnings += sentences(residuals, solution, uncertainty, tried)
-            except Cancelled:
-                warnings.append("Cancelled while what would tell the values left open was sought.")
+            warnings += _what_would_tell(study, search, residuals, solution, uncertainty)
     pace.enter(OVERLAYS, "simulating every experiment before and after")
     overlays = _overlays(residuals, held_out, solution)
     solution = replace(solution, message=solution.message + account(residuals.derivatives, solution.x.size))
@@ -212,6 +206,20 @@ def _profiles(
                 break  # its ends may not be where it stopped
             found[name] = profile
     return found
+
+
+def _what_would_tell(
+    study: Study, search: Search, residuals: Residuals, solution: Solution, u: Uncertainty
+) -> list[str]:  # fmt: skip
+    def tell(words: str):
+        search.heed()
+        search.pace.step(f"what would tell more: {words}")
+
+    try:
+        tried = remedies(residuals, solution, u, [joint.id for joint in study.mechanism.joints], tell)
+    except Cancelled:
+        return ["Cancelled while records that would tell the values left open were tried."]
+    return list(sentences(residuals, solution, u, tried))
 
 
 def _overlays(residuals: Residuals, held_out: Sequence[Run], solution: Solution) -> list[Overlay]:

@@ -48,11 +48,11 @@ def left_open(u: Uncertainty, x: Float[np.ndarray, " x"], p: int) -> list[int]:
 
 
 def remedies(
-    residuals: Residuals, solution: Solution, u: Uncertainty, joints: Sequence[str], heed: Callable[[], None]
+    residuals: Residuals, solution: Solution, u: Uncertainty, joints: Sequence[str], tell: Callable[[str], None]
 ) -> list[Remedy]:  # fmt: skip
     """Of all records that are tried, those whose motion is not lost: the first experiment, made otherwise.
 
-    joints: as drawn, to name a pose by. heed() may raise, to end the trials.
+    joints: as drawn, to name a pose by. tell: which comes next; it may raise, to end the trials.
     """
     p, run = len(residuals.parameters), residuals.runs[0]
     now = np.sqrt(solution.weights)[:, None] * solution.jacobian
@@ -60,7 +60,7 @@ def remedies(
     mine = residuals.own(np.arange(solution.x.size), 0)
     fitted = {address for parameter in residuals.parameters for address in parameter.addresses}
     for varied, own, words in _varied(run, solution.x[mine], joints, fitted):
-        heed()
+        tell(words[-1][1])
         memory = {key: a for key, a in residuals.memory.items() if key[0] == 0}
         single = replace(residuals, runs=[varied], memory=memory)
         J, since = _slopes(single, np.concatenate([solution.x[:p], own]), u.sd[[*range(p), *mine]])

@@ -79,7 +79,9 @@ def test_frictions_that_a_short_record_cannot_part_are_left_open_and_named_with_
 
 
 def test_the_records_asked_for_leave_the_deviations_that_were_promised(short, drawing):
-    tried = {r.words: r.sd for r in remedies(short.residuals, short.solution, short.uncertainty, ["j1"], lambda: None)}
+    tried = {
+        r.words: r.sd for r in remedies(short.residuals, short.solution, short.uncertainty, ["j1"], lambda words: None)
+    }
     promised = {
         "long": next(sd for words, sd in tried.items() if words.startswith("a record of 0.58 s")),
         "push": next(sd for words, sd in tried.items() if words.startswith("push.force_n of 2 N")),
