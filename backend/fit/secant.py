@@ -20,7 +20,7 @@ from backend.fit.solve import LeastSquares, Solution, Vector, step_within
 ROUNDS = 6
 FAR = 2.0  # deviations that a difference reaches each way
 WIDER = 4.0  # more at first: deviations by the exact derivative are too small if anything
-SETTLED = 0.1  # relative change of the deviations that ends the rounds
+SETTLED = 0.05  # relative change of the distances, or a step in deviations, that ends the rounds
 SLACK = 1.0  # by how much roughness alone may raise the objective at a better point: half a chi-square is 0.5
 MOST = 0.5  # of its own or its natural size: as far as a difference may reach
 LEAST = 1e-3
