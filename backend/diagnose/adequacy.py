@@ -42,7 +42,7 @@ def adequacy(fitted: Fitted, latent: Latent, rng: np.random.Generator) -> Adequa
     scale = max(noise, 1.0)
     own = scaled(fitted, scale)
     places = [latent.scaled(p) / scale for p in latent.places]
-    tests = [omnibus(own.r, own.J, own.precision, L, rng) for L in places]
+    tests = [omnibus(own.r, own.free, own.precision, L, rng) for L in places]
     free = max(rank - fitted.x.size, 1)
     through = explained / scale**2
     tests.append(float(chi2.sf(through, free)))

@@ -75,9 +75,12 @@ class Climb:
                 best, found = top, judged = self._exchanged(top, judged, WORTH)
             if top.fitted.fraction == 1.0:
                 self.scale = max(1.0, min(judged.noise, 1.5))
-            if self.enough(judged) or depth == DEEPEST or self._cancelled() or self._little(top, judged, depth):
+            pressed = top.fitted.pressed and depth < SURE
+            if (self.enough(judged) and not pressed) or depth == DEEPEST or self._cancelled():
                 break
-            if self._out_of_reach(top, judged):
+            if self._little(top, judged, depth) and not pressed:
+                break
+            if self._out_of_reach(top, judged) and not pressed:
                 self._tell("nothing smooth in the library could take what is left")
                 break
             level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS, place=self._place(top))
@@ -317,7 +320,8 @@ class Climb:
         if len(alone) < 2 or self.search.followed < 1.0:
             return False
         gap = self.baseline.fitted.chi2 - best.fitted.chi2
-        left = [c.fitted.chi2 - best.fitted.chi2 for c in alone if c is not None and c.fitted.fraction == 1.0]
+        whole = [c.fitted for c in alone if c is not None and c.fitted.fraction == 1.0]
+        left = [made.chi2 - best.fitted.chi2 for made in whole if not made.pressed]
         return min(left, default=np.inf) < SMALL**2 * gap
 
     def _settled(self, cause: Cause, judged: Adequacy) -> bool:
@@ -332,7 +336,7 @@ class Climb:
         width = self.scale / weight
         gain = log_evidence(scaled(top.fitted, width)) - log_evidence(scaled(best.fitted, width))
         asked = max(WORTH, np.log(len(self.search.subject.library.candidates)) + 2.0)
-        return gain > asked and judged.power < SAME_POWER * max(found.power, NOTHING)
+        return gain > asked and (best.fitted.pressed or judged.power < SAME_POWER * max(found.power, NOTHING))
 
     def _accepted(self, cause: Cause, best: Cause, judged: Adequacy, last: Adequacy) -> bool:
         """Whether a cause takes the best one's place: a larger one has to earn it."""

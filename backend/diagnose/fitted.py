@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 from scipy.stats import norm
 
@@ -18,6 +18,7 @@ from backend.diagnose.subject import Choice, Subject
 from backend.fit.solve import LeastSquares, solve
 
 GAIN = 0.1  # in log evidence, over the power of what is left: a step that brings less is the last
+AT_BOUND = 1e-6  # of a number's natural size
 REFUSALS = 5  # in a row: where friction sticks, a slope promises what no step brings
 
 
@@ -25,6 +26,7 @@ REFUSALS = 5  # in a row: where friction sticks, a slope promises what no step b
 class Fitted:
     """x: values of the choice's parameters, then each run's start. r = whitened (measured - predicted) and
     J = d(predicted): data rows alone, run by run as `rows` says; precision: prior of x. probes: as far as was fitted.
+    held: what the data press against a bound.
     """
 
     subject: Subject
@@ -35,6 +37,7 @@ class Fitted:
     J: Float[np.ndarray, "n x"]
     rows: tuple[slice, ...]
     precision: Float[np.ndarray, " x"]
+    held: Bool[np.ndarray, " x"]
     status: str
     fraction: float
     miss: float
@@ -64,6 +67,17 @@ class Fitted:
     def information(self) -> np.ndarray:
         """J'J and the prior."""
         return self.J.T @ self.J + np.diag(self.precision)
+
+    @property
+    def free(self) -> Float[np.ndarray, "n x"]:
+        """J of what may still move: a number that is held at its bound takes nothing off what is left."""
+        return np.where(self.held, 0.0, self.J)
+
+    @property
+    def pressed(self) -> bool:
+        """Whether the data ask what is there for more than its range: something else may be beside it."""
+        own = slice(self.choice.own)
+        return bool(np.any(self.held[own] & (self.values[own] != self.choice.start[own])))
 
     @property
     def covariance(self) -> np.ndarray:
@@ -142,8 +156,12 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
     end, status = known
     r, J = -full[: seer.count], slopes[: seer.count]
     precision = np.concatenate([choice.prior_sd**-2.0, np.zeros(x.size - few)])
+    pull = J.T @ r
+    pull[:few] -= precision[:few] * (end[:few] - begin)
+    room = AT_BOUND * scale
+    held = ((end - lower < room) & (pull < 0.0)) | ((upper - end < room) & (pull > 0.0))
     return Fitted(
-        subject, choice, tuple(probes), end, r, J, seer.rows, precision, status, fraction, seer.miss(end),
+        subject, choice, tuple(probes), end, r, J, seer.rows, precision, held, status, fraction, seer.miss(end),
     )  # fmt: skip
 
 

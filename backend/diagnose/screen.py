@@ -154,7 +154,8 @@ def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
     seer = Seer(subject, fitted.probes, fitted.fraction)
     rest = [i for i, worth in enumerate(candidate.tries) if not worth]
     choices = [worth or (p.start,) for worth, p in zip(candidate.tries, candidate.parameters, strict=True)]
-    H = np.linalg.pinv(fitted.information, hermitian=True)
+    J = fitted.free
+    H = np.linalg.pinv(J.T @ J + np.diag(fitted.precision), hermitian=True)
     best: tuple[float, dict[str, float]] = (0.0, {})
     for values in product(*choices):
 
@@ -167,7 +168,7 @@ def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
             return seer.white[i](np.nan_to_num(probe.slopes(fitted.values, fitted.own(i), directions)))
 
         S = np.concatenate(subject.over(one, range(len(fitted.probes))))
-        S = S - fitted.J @ (H @ (fitted.J.T @ S))
+        S = S - J @ (H @ (J.T @ S))
         b, sd = S.T @ about.r, candidate.prior_sd[rest]
         step = np.linalg.solve(S.T @ S + np.diag(sd**-2.0), b)
         if (gain := float(b @ step)) > best[0]:
@@ -181,12 +182,12 @@ def screen(subject: Subject, fitted: Fitted) -> Screen:
     seer = Seer(subject, fitted.probes, fitted.fraction)
     S = library_slopes(fitted).copy()
     S[:, sorted(set(np.flatnonzero(fitted.choice.ties.any(1)).tolist()))] = 0.0
-    whole = _projected(subject, fitted, S, fitted.r, fitted.J)
+    whole = _projected(subject, fitted, S, fitted.r, fitted.free)
     if fitted.chi2 < LARGE * fitted.r.size:
         return whole
     since = [p.since_release_s[white.keep] / p.duration_s for p, white in zip(fitted.probes, seer.white, strict=True)]
     first = np.concatenate(since) <= EARLY * fitted.fraction
-    return replace(whole, early=_projected(subject, fitted, S[first], fitted.r[first], fitted.J[first]))
+    return replace(whole, early=_projected(subject, fitted, S[first], fitted.r[first], fitted.free[first]))
 
 
 def beyond(fitted: Fitted, given: Sequence[Candidate]) -> Screen:
@@ -199,8 +200,8 @@ def beyond(fitted: Fitted, given: Sequence[Candidate]) -> Screen:
     shift = np.where(own[: choice.own] & choice.sizes, (fitted.values - choice.start)[: choice.own], 0.0)
     rest = np.concatenate([~own, np.ones(fitted.x.size - fitted.count, bool)])
     S = library_slopes(fitted, SAME, fitted.choice.candidates)
-    left = replace(fitted, J=fitted.J[:, rest], precision=fitted.precision[rest])
-    return _projected(fitted.subject, left, S, fitted.r + fitted.J[:, : choice.own] @ shift, left.J)
+    left = replace(fitted, J=fitted.J[:, rest], precision=fitted.precision[rest], held=fitted.held[rest])
+    return _projected(fitted.subject, left, S, fitted.r + fitted.J[:, : choice.own] @ shift, left.free)
 
 
 def library_slopes(

@@ -65,15 +65,15 @@ def without_causes(fitted: Fitted) -> Fitted:
     names = [p.name for p in fitted.choice.parameters]
     shift = np.where(fitted.choice.sizes, fitted.values[:own] - fitted.choice.start[:own], 0.0)
     r, rest = fitted.r + fitted.J[:, :own] @ shift, fitted.J[:, own:]
-    x, precision = fitted.x[own:], fitted.precision[own:]
+    x, precision, held = fitted.x[own:], fitted.precision[own:], fitted.held[own:]
     if missing := [i for i, n in enumerate(kept) if n not in names[own:]]:  # tolerances that a cause had taken
         at = [names.index(kept[i]) for i in missing]
         for i, j in zip(missing, at, strict=True):
             column = fitted.J[:, j]
             r = r - column * shift[j]
             rest, x = np.insert(rest, i, column, axis=1), np.insert(x, i, fitted.x[j])
-            precision = np.insert(precision, i, choice.prior_sd[i] ** -2.0)
-    return replace(fitted, choice=choice, x=x, r=r, J=rest, precision=precision)
+            precision, held = np.insert(precision, i, choice.prior_sd[i] ** -2.0), np.insert(held, i, fitted.held[j])
+    return replace(fitted, choice=choice, x=x, r=r, J=rest, precision=precision, held=held)
 
 
 def laws_of(

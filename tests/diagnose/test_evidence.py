@@ -26,7 +26,8 @@ def fitted(end: float, start_seen: float = 50.0) -> Fitted:
     subject: Any = None
     ends = np.array([end, 0.0])
     return Fitted(
-        subject, choice, (), ends, r, J, (slice(0, ROWS),), np.array([1.0, 0.0]), "disagree", 1.0, 0.0
+        subject, choice, (), ends, r, J, (slice(0, ROWS),), np.array([1.0, 0.0]), np.zeros(2, bool), "disagree", 1.0,
+        0.0,
     )  # fmt: skip
 
 

@@ -30,7 +30,9 @@ def cause(*reach: str) -> Cause:
     )
     subject: Any = SimpleNamespace()
     x, rows = np.zeros(len(members)), (slice(0, ROWS),)
-    made = Fitted(subject, choice, (), x, r, J, rows, np.ones(len(members)), "converged", 1.0, 0.0)
+    made = Fitted(
+        subject, choice, (), x, r, J, rows, np.ones(len(members)), np.zeros(len(members), bool), "converged", 1.0, 0.0
+    )
     return Cause(made, 0.0)
 
 

@@ -40,8 +40,8 @@ def ended(law: int, value: float, left: np.ndarray) -> Cause:
         candidates=(LAWS[law],), own=1, start=np.zeros(1), prior_sd=np.ones(1), sizes=np.ones(1, bool),
     )  # fmt: skip
     made = Fitted(
-        SUBJECT, choice, (), np.array([value]), left, SLOPES[:, [law]], (slice(0, ROWS),), np.ones(1), "converged",
-        1.0, 0.0,
+        SUBJECT, choice, (), np.array([value]), left, SLOPES[:, [law]], (slice(0, ROWS),), np.ones(1),
+        np.zeros(1, bool), "converged", 1.0, 0.0,
     )  # fmt: skip
     return Cause(made, log_evidence(made))
 
