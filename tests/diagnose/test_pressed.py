@@ -15,7 +15,7 @@ T = np.linspace(0.0, 1.0, ROWS)
 
 def ended(value: float, held: bool) -> Fitted:
     """A fit of one law, sin(7 t), of which 5 sigmas are left."""
-    choice: Any = SimpleNamespace(own=1, start=np.zeros(1), ties=np.eye(2, 1))
+    choice: Any = SimpleNamespace(own=1, start=np.zeros(1), ties=np.eye(2, 1), parameters=[None])
     subject: Any = SimpleNamespace()
     r, J = 5.0 * np.sin(7.0 * T), np.sin(7.0 * T)[:, None]
     return Fitted(
