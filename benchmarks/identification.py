@@ -4,7 +4,8 @@ python -m benchmarks.identification                 everything below
 python -m benchmarks.identification noise           data of ours with noise of 0, 0.2, 1 and 5 mm, three methods
 python -m benchmarks.identification records         20, 200 and 1000 steps, one load and three, 0.2 mm
 python -m benchmarks.identification engines         data from Exudyn and MuJoCo, 0.2 mm, play of 0.5 and 1 mm
-python -m benchmarks.identification seeds           100 seeds at 0.2 mm: errors over their bound, coverage
+python -m benchmarks.identification seeds           100 draws of noise of 0.2 mm: errors over their bound, coverage
+python -m benchmarks.identification truths          the same, play and friction drawn anew each time, too
 python -m benchmarks.identification open            what the report says would tell what 20 steps do not, and that made
 python -m benchmarks.identification wrong           40 motions whose walls, not stated, are not the default: coverage
 
@@ -67,6 +68,7 @@ class Case:
     loose: str = "all"
     noise_m: float = 2e-4
     radial_m: float = RADIAL_M
+    friction: float = FRICTION
     loads: int = 1
     steps: int = 200
     step_s: float = 1e-3
@@ -77,7 +79,7 @@ class Case:
     @property
     def truth(self) -> np.ndarray:
         """Play [m] and friction."""
-        return np.array([self.radial_m, FRICTION])
+        return np.array([self.radial_m, self.friction])
 
 
 def drawn(
@@ -121,7 +123,7 @@ def filmed(case: Case) -> tuple[np.ndarray, list[np.ndarray]]:
     duration_s = case.steps * 1e-3
     time_s, seen = np.arange(0.0, duration_s, 1.0 / RATE_HZ), []
     for spring in SPRINGS[: case.loads]:
-        mechanism = drawn(case, case.radial_m, FRICTION, spring, real=True)
+        mechanism = drawn(case, case.radial_m, case.friction, spring, real=True)
         if case.engine == "ours":
             motion = simulate(mechanism, duration_s, NODES_S)
         elif case.engine == "Exudyn":
@@ -135,7 +137,7 @@ def filmed(case: Case) -> tuple[np.ndarray, list[np.ndarray]]:
 
 def study_of(case: Case, time_s: np.ndarray, seen: Sequence[np.ndarray], seed: int) -> Study:
     """The samples with noise, before them a few of the scissor held still; searches begin from the drawn values."""
-    mechanism = drawn(case, 0.5 * case.radial_m, 3.0 * FRICTION)
+    mechanism = drawn(case, 0.5 * case.radial_m, 3.0 * case.friction)
     rng = np.random.default_rng(seed)
     release = STILL / RATE_HZ
     time_s = np.concatenate([np.arange(STILL) / RATE_HZ, release + time_s])
@@ -209,22 +211,29 @@ def _line(case: Case, method: str, off: np.ndarray, sd: str, wall_s: float, stat
     )
 
 
-def seeds(form: str, count: int) -> None:
+def seeds(form: str, count: int, truths: bool = False) -> None:
     """Errors of many draws of the noise against the Cramér-Rao bound, and how often intervals hold the truth.
 
     Those of noise are what a drawing that states its walls gets; the others allow for walls that it does not state.
+    truths: play and friction are drawn anew as well, so that each record is rough in its own way.
     """
     case = Case(form)
     clean = filmed(case)
-    off, sd, ends = [], [], []
+    off, sd, held, widths = [], [], [], []
     for seed in range(count):
+        if truths:
+            rng = np.random.default_rng([8000, seed])
+            case = Case(form, radial_m=RADIAL_M * rng.uniform(0.6, 1.4), friction=FRICTION * rng.uniform(0.5, 2.0))
+            clean = filmed(case)
         result = found(case, study_of(case, *clean, seed=1000 + seed))
         off.append(values(case, result) - case.truth)
         sd.append(result.uncertainty.sd[:2])
-        ends.append(intervals(case, result))
-    scaled = np.array(off) / np.median(sd, axis=0)
+        ends = intervals(case, result)
+        held.append(_held(case, ends))
+        widths.append(np.ptp(ends, axis=1))
+    scaled = np.array(off) / (sd if truths else np.median(sd, axis=0))
     of_noise = np.mean(np.abs(off) < 1.96 * np.array(sd), axis=0)
-    allowing, wider = _held(case, np.array(ends)), np.median(np.ptp(ends, axis=2) / (3.92 * np.array(sd)), axis=0)
+    allowing, wider = np.array(held).T, np.median(np.array(widths) / (3.92 * np.array(sd)), axis=0)
     for i, name in enumerate(("play", "friction")):
         column = scaled[:, i]
         print(
@@ -237,8 +246,8 @@ def seeds(form: str, count: int) -> None:
 
 
 def _held(case: Case, ends: np.ndarray) -> np.ndarray:
-    """(2, cases): whether intervals hold the truth."""
-    return np.all((ends - case.truth[:, None]) * [-1.0, 1.0] > 0, axis=-1).T
+    """(2,): whether intervals hold the truth."""
+    return np.all((ends - case.truth[:, None]) * [-1.0, 1.0] > 0, axis=-1)
 
 
 def left_open() -> None:
@@ -266,7 +275,7 @@ def wrong(count: int, first: int = 0) -> None:
         result = found(case, study_of(case, *filmed(case), seed=k))
         off = values(case, result) / case.truth - 1.0
         sd, ends = result.uncertainty.sd[:2] / case.truth, intervals(case, result)
-        held.append(_held(case, ends[None])[:, 0])
+        held.append(_held(case, ends))
         of_noise.append(np.abs(off) < 1.96 * sd)
         wider.append(np.ptp(ends, axis=1) / case.truth / (3.92 * sd))
         missed.append(np.abs(off))
@@ -311,19 +320,23 @@ def tables(asked: str) -> Iterator[tuple[Case, bool]]:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument(
-        "table", nargs="?", default="all", choices=("all", "noise", "records", "engines", "seeds", "open", "wrong")
+        "table",
+        nargs="?",
+        default="all",
+        choices=("all", "noise", "records", "engines", "seeds", "truths", "open", "wrong"),
     )
-    parser.add_argument("--count", type=int, help="of seeds (100) or of wrong laws (40)")
+    parser.add_argument("--count", type=int, help="of draws (100) or of wrong laws (40)")
     parser.add_argument("--first", type=int, default=0, help="of the wrong laws, to go on where a run was cut off")
     asked = parser.parse_args()
     print(f"{CELLS} cells; the paper's play was 146% off and its friction 13%", flush=True)
-    if asked.table not in ("seeds", "open"):
+    if asked.table not in ("seeds", "truths", "open"):
         print(HEAD)
     for case, all_methods in tables(asked.table):
         show(case, all_methods)
-    if asked.table in ("all", "seeds"):
-        for form in FORMS:
-            seeds(form, asked.count or 100)
+    for table in ("seeds", "truths"):
+        if asked.table in ("all", table):
+            for form in FORMS:
+                seeds(form, asked.count or 100, table == "truths")
     if asked.table in ("all", "open"):
         left_open()
     if asked.table in ("all", "wrong"):
