@@ -96,7 +96,7 @@ def settle(
     objective, J, roughness, evaluations = 0.5 * float(r @ r), np.zeros((r.size, x.size)), np.zeros((x.size, x.size)), 0
     near, least = sd, np.zeros(x.size)
     for _ in range(rounds):
-        found = secants(problem, x, r, FAR * near, range(x.size))
+        found = secants(problem, x, r, np.minimum(FAR * near, MOST * _size(problem, x)), range(x.size))
         J, evaluations = found.slopes, evaluations + 2 * x.size
         E = found.bends / np.sqrt(6.0)
         if np.any(np.diag(_of_roughness(found, E)) > WORTH * np.diag(_of_noise(J))):
@@ -210,6 +210,10 @@ def deviations(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], wi
 
 
 def _within(problem: LeastSquares, x: Vector, J: Float[np.ndarray, "n p"], sd: Vector) -> Vector:
-    reach = np.maximum(np.abs(x), problem.scale)
-    sd = np.where(np.any(J != 0.0, axis=0), sd, MOST * reach)
-    return np.clip(sd, np.minimum(LEAST * np.abs(x) + 1e-9 * reach, MOST * reach), MOST * reach)
+    size = _size(problem, x)
+    sd = np.where(np.any(J != 0.0, axis=0), sd, MOST * size)
+    return np.clip(sd, np.minimum(LEAST * np.abs(x) + 1e-9 * size, MOST * size), MOST * size)
+
+
+def _size(problem: LeastSquares, x: Vector) -> Vector:
+    return np.maximum(np.abs(x), problem.scale)

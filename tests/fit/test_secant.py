@@ -106,3 +106,17 @@ def test_wide_differences_lead_through_roughness_in_which_narrow_ones_rest(seed)
     rested = smoothed(problem, solve(problem, np.array([4.0, -1.0])))
     assert rested.objective > 10.0 * truth
     assert narrowed(problem, rested).objective < 1.1 * truth
+
+
+def test_no_difference_reaches_farther_than_half_a_value():
+    """Begun as wide as values themselves, a difference sees how the motion bends and takes it for roughness."""
+    problem, asked = rough_problem(0, 0.0), []
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        asked.append(x.copy())
+        return problem.residual(x)
+
+    begin = TRUTH + 0.0
+    settle(replace(problem, residual=residual), begin, problem.residual(begin), np.full(2, 5.0), rounds=1)
+    around = np.array(asked[:4])
+    assert np.max(np.abs(around - begin), axis=0) == pytest.approx([0.5 * TRUTH[0], 0.5], rel=1e-9)
