@@ -75,14 +75,14 @@ class Climb:
                 best, found = top, judged = self._exchanged(top, judged, WORTH)
             if top.fitted.fraction == 1.0:
                 self.scale = max(1.0, min(judged.noise, 1.5))
-            pressed = top.fitted.pressed and depth < SURE
-            if (self.enough(judged) and not pressed) or depth == DEEPEST or self._cancelled():
+            if depth == DEEPEST or self._cancelled():
                 break
-            if self._little(top, judged, depth) and not pressed:
-                break
-            if self._out_of_reach(top, judged) and not pressed:
-                self._tell("nothing smooth in the library could take what is left")
-                break
+            if depth >= SURE or not top.fitted.pressed:  # one that is enough only at the end of its range is not
+                if self.enough(judged) or self._little(top, judged, depth):
+                    break
+                if self._out_of_reach(top, judged):
+                    self._tell("nothing smooth in the library could take what is left")
+                    break
             level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS, place=self._place(top))
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
