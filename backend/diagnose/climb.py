@@ -90,6 +90,8 @@ class Climb:
             best, found = self._exchanged(best, found, NAMED)
         if len(best.candidates) > 1 and self.enough(found) and not self._cancelled():
             best, found = self._thinned(best, found)
+        if not self._cancelled():
+            best, found = self._narrowed(best, found)
         return best, found
 
     def _place(self, top: Cause) -> str | None:
@@ -104,12 +106,26 @@ class Climb:
         """
         for member in best.candidates:
             self.search.without(best, member)
-        top = self._most_probable(best, 0.0)
+        return self._likelier_than(best, found)
+
+    def _narrowed(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
+        """A set with a simpler form in the place of one that contains it, where that is more probable: beside another
+        effect where it stands alone, for the wider form may do what that does.
+        """
+        narrow = self.search.simpler(best)
+        if len(best.candidates) < SURE:
+            for simple in narrow:
+                self.search.level([simple], PARTNERS)
+        return self._likelier_than(best, found, SURE) if narrow else (best, found)
+
+    def _likelier_than(self, best: Cause, found: Adequacy, size: int = 0) -> tuple[Cause, Adequacy]:
+        """The most probable set of so many members, or of as many as the best one has, unless that alone is enough."""
+        top = self._most_probable(best, 0.0, size)
         if top is best:
             return best, found
-        self._tell(f"{' + '.join(top.names)} alone is the likelier")
+        self._tell(f"{' + '.join(top.names)} is the likelier")
         judged = self._judged(top)
-        return judged if self.enough(judged[1]) else self._judged(best)
+        return judged if self.enough(judged[1]) or not self.enough(found) else self._judged(best)
 
     def switching(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """Where nothing smooth is enough, or held-out experiments refuse it: stops, play, bending and friction that
@@ -247,13 +263,14 @@ class Climb:
                 break
         return best, found
 
-    def _most_probable(self, best: Cause, worth: float) -> Cause:
-        """Of all sets tried that are no larger, by as much of the likelihood as the closest fit bears; others must be
-        worth it.
+    def _most_probable(self, best: Cause, worth: float, size: int = 0) -> Cause:
+        """Of all sets tried that are no larger than it or than `size`, by as much of the likelihood as the closest fit
+        bears; others must be worth it.
         """
+        most = max(len(best.candidates), size)
         sets = [
             c for c in self.search.tried.values()
-            if 0 < len(c.candidates) <= len(best.candidates) and c.fitted.fraction == best.fitted.fraction
+            if 0 < len(c.candidates) <= most and c.fitted.fraction == best.fitted.fraction
         ]  # fmt: skip
         closest = min(sets, key=lambda c: c.fitted.chi2)
         soft = softness(scaled(closest.fitted, self.scale))

@@ -264,6 +264,25 @@ class Search:
         self.tried[rest.names] = rest
         return rest
 
+    def simpler(self, cause: Cause) -> list[Cause]:
+        """A cause with a simpler form, at the same place, instead of a member that contains it."""
+        made = []
+        for member in cause.candidates:
+            if not any(member.tries):
+                continue
+            others = tuple(sorted(c.name for c in cause.candidates if c is not member))
+            rest = self.tried.get(others) or self.without(cause, member)
+            about, free = self.screen(rest), [c for c in self.subject.library.candidates if _new(c, rest)]
+            wider = containing(about, free)
+            for simple in (c for c in free if member in wider.get(c.name, ())):
+                fits: list[Fitted] = []
+                self._join(rest, about, simple, fits, None)
+                for fitted in filter(_in_order, fits):
+                    self._keep(fitted)
+                names = tuple(sorted([*others, simple.name]))
+                made += [self.tried[names]] if names in self.tried else []
+        return made
+
     def complete(self, cause: Cause, scale: float) -> list[Cause]:
         """Sets not tried so far that leave to first order no more than a cause does, up to two members exchanged at
         once: any pin of a linkage of one freedom rubs like the next, and a pair does what another does of which neither

@@ -149,14 +149,15 @@ def _walk(
 
         def worse(trial: tuple[Array, _Point]) -> Bool[Array, ""]:
             share, then = trial
-            return (then.merit > (1.0 - ENOUGH * share) * now.merit) & (share > SHORTEST) & (then.error > enough)
+            fell = then.merit <= (1.0 - ENOUGH * share) * now.merit
+            # The first is always made: a merit that overflows compares with nothing, and each iteration must end.
+            return (share > 1.0) | (~fell & (share > SHORTEST) & (then.error > enough))
 
         def shorter(trial: tuple[Array, _Point]) -> tuple[Array, _Point]:
             share = 0.5 * trial[0]
             return share, tried(share)
 
-        nowhere = now._replace(error=jnp.full((), jnp.inf), merit=jnp.full((), jnp.inf))
-        return lax.while_loop(worse, shorter, (jnp.full((), 2.0), nowhere))[1]
+        return lax.while_loop(worse, shorter, (jnp.full((), 2.0), now))[1]
 
     if interior:
         begin = _moved(at, begin, jax.tree.map(jnp.zeros_like, begin), 0.0, barrier)
