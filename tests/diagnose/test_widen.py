@@ -1,15 +1,20 @@
-"""Forms that contain simpler ones: tried where the simpler came out best, and everywhere if that pays."""
+"""Forms that contain simpler ones: tried where the simpler came out best, everywhere if that pays, and given back."""
 
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from backend.diagnose import which
 from backend.diagnose.which import Search
 
 
 def form(kind: str, joint: str) -> Any:
     return SimpleNamespace(kind=kind, name=f"{kind}:{joint}")
+
+
+def wide(kind: str, joint: str) -> Any:
+    return SimpleNamespace(**vars(form(kind, joint)), tries=("some shape",))
 
 
 def end(candidate: Any, chi2: float) -> Any:
@@ -24,7 +29,7 @@ class Looking(Search):
 
     def _join(self, parent, about, candidate, fits, rival, simple=None):
         self.order.append(candidate.name)
-        self.begun.append(simple.choice.candidates[-1].name)
+        self.begun += [simple.choice.candidates[-1].name] if simple else []
         fits.append(end(candidate, self.ends[candidate.name]))
 
 
@@ -40,3 +45,22 @@ def test_a_form_that_pays_where_the_simpler_was_best_is_tried_at_every_place(at_
     assert search.order == tried
     assert search.begun == [name.replace("stribeck", "coulomb") for name in tried]  # where the simpler one ended
     assert min(fits, key=lambda f: f.chi2).chi2 == (10.0 if len(tried) > 1 else at_best)
+
+
+def test_a_simpler_form_is_tried_in_the_place_of_one_that_contains_it(monkeypatch):
+    simple, wider, other = form("coulomb", "j1"), wide("stribeck", "j1"), wide("spring", "j1")
+    rest: Any = SimpleNamespace(names=(other.name,))
+    search: Any = Looking({simple.name: 1.0})
+    search.tried = {(other.name,): rest}
+    search.subject = SimpleNamespace(library=SimpleNamespace(candidates=[simple, form("coulomb", "j2"), wider, other]))
+    monkeypatch.setattr(search, "screen", lambda cause: cause)
+    monkeypatch.setattr(search, "without", lambda cause, member: SimpleNamespace(names=()))
+    monkeypatch.setattr(which, "_new", lambda candidate, cause: candidate.name not in cause.names)
+    monkeypatch.setattr(
+        which, "containing", lambda about, free: {simple.name: [wider], "coulomb:j2": [form("x", "j2")]}
+    )
+    monkeypatch.setattr(which, "_in_order", lambda fitted: True)
+    monkeypatch.setattr(search, "_keep", lambda fitted: search.tried.setdefault((simple.name, other.name), fitted))
+    made = search.simpler(SimpleNamespace(candidates=(wider, other)))
+    assert search.order == [simple.name]
+    assert [m.choice.candidates for m in made] == [(simple,)]
