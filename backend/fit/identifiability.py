@@ -114,10 +114,7 @@ def _sentences(u: Uncertainty, solution: Solution, scale: np.ndarray, reported: 
         elif solution.at_bound[i]:
             yield f"{name} rests on its bound {solution.x[i]:.4g}; its interval is one-sided."
         elif sd[i] > max(abs(solution.x[i]), 1e-300):
-            yield (
-                f"{name} = {solution.x[i]:.3g} +- {sd[i]:.2g} is not significantly different from zero: "
-                "longer runs, other amplitudes or more loads would tell."
-            )
+            yield f"{name} = {solution.x[i]:.3g} +- {sd[i]:.2g} is not significantly different from zero."
     for a, i in enumerate(shown):
         for j in shown[a + 1 :]:
             if abs(rho[i, j]) > CORRELATED and not (u.unidentified[i] or u.unidentified[j]):
