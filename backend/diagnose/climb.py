@@ -128,18 +128,18 @@ class Climb:
         return judged if self.enough(judged[1]) or not self.enough(found) else self._judged(best)
 
     def switching(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """Where nothing smooth is enough, or held-out experiments refuse it: stops, play, bending and friction that
-        grows with load, family by family.
+        """Where nothing smooth is enough or follows whole records, or held-out experiments refuse it: stops, play,
+        bending and friction that grows with load, family by family.
         """
-        refused = self.refused(best)
-        if not refused and (self.enough(last) or self._little(best, last, 1)):
+        refused, lost = self.refused(best), best.fitted.fraction < 1.0
+        if not (refused or lost) and (self.enough(last) or self._little(best, last, 1)):
             return best, last
         if refused:
             self._tell(f"held-out experiments refuse {' + '.join(best.names)}")
         best, last = self._tuned(best, last)
         if self._settled(best, last):
             return best, last
-        asked = self._asked_of(best, last, refused)
+        asked = self._asked_of(best, last, refused or lost)
         motion, alone = passed(self.baseline.fitted) if asked else {}, self._best_alone()
         for family in asked:
             if self._cancelled():
@@ -209,12 +209,12 @@ class Climb:
                 return cause, judged
         return best, last
 
-    def _asked_of(self, best: Cause, last: Adequacy, refused: bool) -> list[str]:
+    def _asked_of(self, best: Cause, last: Adequacy, all_of_them: bool) -> list[str]:
         """Families of what switches on that could bear what a cause leaves. Friction that grows with load first: of
         all these it is most like what is smooth, and needs no blows followed.
         """
         every = sorted(set(families(self.without)) - {SMOOTH}, key=lambda family: (family != LOAD, family))
-        if refused:
+        if all_of_them:
             return every
         if last.excess * best.fitted.r.size < WORTH_A_TRY:
             return []  # too little to bear another effect
@@ -343,7 +343,7 @@ class Climb:
 
     def _settled(self, cause: Cause, judged: Adequacy) -> bool:
         as_blows = form(cause) > SMALL and self.slight(cause, judged)
-        return (self.enough(judged) or as_blows) and not self.refused(cause)
+        return (self.enough(judged) or as_blows) and not self.refused(cause) and cause.fitted.fraction == 1.0
 
     def _better(self, top: Cause, best: Cause, judged: Adequacy, found: Adequacy) -> bool:
         """Whether one more effect earned its place."""

@@ -1,0 +1,55 @@
+"""When a climb that has a smooth explanation goes on to what switches on."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from backend.diagnose import climb as module
+from backend.diagnose.climb import Climb
+
+
+class Asked(Exception):
+    """Raised with the families that would be tried."""
+
+
+def climbing(monkeypatch, *, enough: bool, refused: bool) -> Any:
+    climb: Any = object.__new__(Climb)
+    climb.without = frozenset()
+    monkeypatch.setattr(climb, "enough", lambda judged: enough, raising=False)
+    monkeypatch.setattr(climb, "refused", lambda cause: refused, raising=False)
+    monkeypatch.setattr(climb, "_little", lambda cause, judged, depth: False)
+    monkeypatch.setattr(climb, "_tell", lambda text: None)
+    monkeypatch.setattr(climb, "_tuned", lambda best, last: (best, last))
+    monkeypatch.setattr(module, "families", lambda without: {module.SMOOTH, module.LOAD, "joint_stop", "clearance"})
+
+    def stop(cause, last, all_of_them):
+        raise Asked(asked_of(climb, cause, last, all_of_them))
+
+    asked_of = Climb._asked_of
+    monkeypatch.setattr(climb, "_asked_of", stop)
+    return climb
+
+
+def smooth_cause(fraction: float) -> Any:
+    return SimpleNamespace(
+        names=("camera_tilt:camera",),
+        candidates=(SimpleNamespace(family=module.SMOOTH),),
+        fitted=SimpleNamespace(fraction=fraction, r=SimpleNamespace(size=100)),
+    )
+
+
+@pytest.mark.parametrize(("fraction", "refused"), [(0.25, False), (1.0, True), (0.25, True)])
+def test_a_cause_that_follows_part_of_the_records_or_is_refused_leads_on_to_every_family(
+    monkeypatch, fraction, refused
+):
+    climb = climbing(monkeypatch, enough=True, refused=refused)
+    with pytest.raises(Asked) as asked:
+        climb.switching(smooth_cause(fraction), SimpleNamespace(excess=0.0))
+    assert asked.value.args[0] == [module.LOAD, "clearance", "joint_stop"]
+
+
+def test_a_cause_that_explains_whole_records_is_the_answer(monkeypatch):
+    climb = climbing(monkeypatch, enough=True, refused=False)
+    best, last = smooth_cause(1.0), SimpleNamespace(excess=0.0)
+    assert climb.switching(best, last) == (best, last)
