@@ -139,7 +139,7 @@ class Climb:
         best, last = self._tuned(best, last)
         if self._settled(best, last):
             return best, last
-        asked = self._asked_of(best, last, refused or lost)
+        asked = self._asked_of(best, last, refused, lost)
         motion, alone = passed(self.baseline.fitted) if asked else {}, self._best_alone()
         for family in asked:
             if self._cancelled():
@@ -209,14 +209,16 @@ class Climb:
                 return cause, judged
         return best, last
 
-    def _asked_of(self, best: Cause, last: Adequacy, all_of_them: bool) -> list[str]:
+    def _asked_of(self, best: Cause, last: Adequacy, refused: bool, lost: bool) -> list[str]:
         """Families of what switches on that could bear what a cause leaves. Friction that grows with load first: of
         all these it is most like what is smooth, and needs no blows followed.
+
+        refused: by held-out experiments. lost: the motion, before the records end.
         """
         every = sorted(set(families(self.without)) - {SMOOTH}, key=lambda family: (family != LOAD, family))
-        if all_of_them:
+        if lost or (refused and self.enough(last)):  # nothing that is left here says where to look
             return every
-        if last.excess * best.fitted.r.size < WORTH_A_TRY:
+        if not refused and last.excess * best.fitted.r.size < WORTH_A_TRY:
             return []  # too little to bear another effect
         places = shares(place_evidence(best.fitted, self.search.latent, self.scale))
         if _in_the_picture(places) < IN_THE_PICTURE:

@@ -1,12 +1,13 @@
-"""A marker that flutters: a shift at one frequency, faster than bumps in time can follow.
+"""A marker that flutters: a shift at one frequency.
 
-A loose sticker swings in every run at the same rate and moves nothing else. Bumps fine enough to follow it would cost
-thousands of columns, and left out it passes for noise with a memory.
+A loose sticker swings in every run at the same rate and moves nothing else. Bumps in time fine enough to follow a fast
+one would cost thousands of columns, and left out it passes for noise with a memory; bumps that follow a slow one are
+many for what a sine and a cosine say, and evidence counts them all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +15,13 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.probe import Probe
 from backend.diagnose.subject import bumps_at
 from backend.fit.measured import AXES
 
 SURE = 1e-6  # probability from noise alone, of all markers and frequencies together
-SLOWEST, FASTEST = 0.5, 0.4  # of the bumps' rate; of the samples'
+SLOWEST = 2.0  # periods in the longest record
+FOLLOWED, FASTEST = 0.5, 0.4  # of the bumps' rate: what is slower they follow; of the samples'
 FINE = 2.0  # frequencies tried for each that the longest record tells apart
 WINDOW = 12  # frequencies to either side that say how loud noise is
 
@@ -38,21 +41,34 @@ class Power:
 
 def flutters(fitted: Fitted, markers: Sequence[str]) -> dict[str, float]:
     """Frequency [Hz] of every one of these (`marker:ID`) that flutters."""
-    hz = _frequencies(fitted)
-    if hz.size < WINDOW:
-        return {}
-    power = {m: p for m in markers if (p := _power(fitted, m, hz)).free}
-    found = {}
-    for marker, own in power.items():
-        near = [own.loud[max(i - WINDOW, 0) : i + WINDOW + 1] for i in range(hz.size)]
-        noise = np.array([np.median(n) for n in near])
-        if others := [p.loud for m, p in power.items() if m != marker]:
-            noise = np.maximum(noise, np.median(others, axis=0))  # what all of them lack is no sticker's
-        chance = chi2.sf(own.of / np.maximum(noise, 1.0), own.free)
-        best = int(np.argmin(chance))
-        if chance[best] * hz.size * len(power) < SURE:
-            found[marker] = float(hz[best])
-    return found
+    slow, fast = _frequencies(fitted)
+    tried = max(slow.size + fast.size, 1) * len(markers)
+    found: dict[str, tuple[float, float]] = {}
+    for hz, loudest, beside in ((slow, _loudest_other, _bend), (fast, _usual, _bumps)):
+        power = {m: p for m in markers if hz.size and (p := _power(fitted, m, hz, beside)).free}
+        for marker, own in power.items():
+            noise = loudest(own, [p for m, p in power.items() if m != marker])
+            if noise is None:
+                continue
+            chance = tried * chi2.sf(own.of / np.maximum(noise, 1.0), own.free)
+            best = int(np.argmin(chance))
+            if chance[best] < min(SURE, found.get(marker, (SURE, 0.0))[0]):
+                found[marker] = float(chance[best]), float(hz[best])
+    return {marker: hz for marker, (_, hz) in found.items()}
+
+
+def _loudest_other(own: Power, others: Sequence[Power]) -> Float[np.ndarray, " frequencies"] | None:
+    """Where whatever is missing may be as slow: a sticker's own is what no other marker has at all."""
+    return np.max([p.loud for p in others], axis=0) if others else None
+
+
+def _usual(own: Power, others: Sequence[Power]) -> Float[np.ndarray, " frequencies"] | None:
+    """How loud noise is about each frequency; what all markers lack is no sticker's."""
+    n = own.of.size
+    if n < WINDOW:
+        return None
+    noise = np.array([np.median(own.loud[max(i - WINDOW, 0) : i + WINDOW + 1]) for i in range(n)])
+    return np.maximum(noise, np.median([p.loud for p in others], axis=0)) if others else noise
 
 
 def waves(fitted: Fitted, marker: str, hz: float) -> list[Float[np.ndarray, "rows columns"]]:
@@ -67,15 +83,31 @@ def waves(fitted: Fitted, marker: str, hz: float) -> list[Float[np.ndarray, "row
     return made
 
 
-def _frequencies(fitted: Fitted) -> Float[np.ndarray, " frequencies"]:
+def _frequencies(fitted: Fitted) -> tuple[Float[np.ndarray, " slow"], Float[np.ndarray, " fast"]]:
+    """Those that bumps in time follow, and those that they do not."""
     longest = max(p.duration_s for p in fitted.probes) * fitted.fraction
     rate = min(1.0 / float(np.median(np.diff(np.unique(p.data.time_s)))) for p in fitted.probes)
-    bumps = max((p.bumps.shape[1] - 1) / p.duration_s for p in fitted.probes)
-    return np.arange(SLOWEST * bumps, FASTEST * rate, 1.0 / (FINE * longest))
+    edge = FOLLOWED * max((p.bumps.shape[1] - 1) / p.duration_s for p in fitted.probes)
+    apart = 1.0 / (FINE * longest)
+    return np.arange(SLOWEST / longest, edge, apart), np.arange(edge, FASTEST * rate, apart)
 
 
-def _power(fitted: Fitted, marker: str, hz: Float[np.ndarray, " frequencies"]) -> Power:
-    """What waves take of the whitened rows beyond what bumps in time take."""
+def _bumps(time: Float[np.ndarray, " n"], probe: Probe) -> Float[np.ndarray, "n columns"]:
+    return bumps_at(time, probe.duration_s, probe.bumps.shape[1])
+
+
+def _bend(time: Float[np.ndarray, " n"], probe: Probe) -> Float[np.ndarray, "n columns"]:
+    """What a drift does over a record."""
+    return (time[:, None] / probe.duration_s) ** np.arange(3)
+
+
+def _power(
+    fitted: Fitted,
+    marker: str,
+    hz: Float[np.ndarray, " frequencies"],
+    beside: Callable[[np.ndarray, Probe], Float[np.ndarray, "n columns"]],
+) -> Power:
+    """What waves take of the whitened rows beyond what slower shifts beside them take."""
     seer = Seer(fitted.subject, fitted.probes, fitted.fraction)
     total, free = np.zeros(hz.size), 0
     for p, white, rows in zip(fitted.probes, seer.white, fitted.rows, strict=True):
@@ -84,7 +116,7 @@ def _power(fitted: Fitted, marker: str, hz: Float[np.ndarray, " frequencies"]) -
             at = np.flatnonzero((channel == c) & (time > 0.0)) if of.at == marker else np.zeros(0, int)
             if at.size < 2 * p.bumps.shape[1]:
                 continue
-            Q = np.linalg.qr(bumps_at(time[at], p.duration_s, p.bumps.shape[1]))[0]
+            Q = np.linalg.qr(beside(time[at], p))[0]
             W = _turning(time[at], hz)
             W, left = W - Q @ (Q.T @ W), r[at] - Q @ (Q.T @ r[at])
             s, k = W[:, : hz.size], W[:, hz.size :]

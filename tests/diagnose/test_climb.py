@@ -23,8 +23,8 @@ def climbing(monkeypatch, *, enough: bool, refused: bool) -> Any:
     monkeypatch.setattr(climb, "_tuned", lambda best, last: (best, last))
     monkeypatch.setattr(module, "families", lambda without: {module.SMOOTH, module.LOAD, "joint_stop", "clearance"})
 
-    def stop(cause, last, all_of_them):
-        raise Asked(asked_of(climb, cause, last, all_of_them))
+    def stop(cause, last, refused, lost):
+        raise Asked(asked_of(climb, cause, last, refused, lost))
 
     asked_of = Climb._asked_of
     monkeypatch.setattr(climb, "_asked_of", stop)
@@ -47,6 +47,16 @@ def test_a_cause_that_follows_part_of_the_records_or_is_refused_leads_on_to_ever
     with pytest.raises(Asked) as asked:
         climb.switching(smooth_cause(fraction), SimpleNamespace(excess=0.0))
     assert asked.value.args[0] == [module.LOAD, "clearance", "joint_stop"]
+
+
+@pytest.mark.parametrize(("at", "asked"), [("marker:a", ["clearance"]), ("camera", [])])
+def test_what_is_left_in_the_picture_asks_for_no_stop_even_where_held_out_experiments_refuse(monkeypatch, at, asked):
+    climb = climbing(monkeypatch, enough=False, refused=True)
+    monkeypatch.setattr(module, "place_evidence", lambda fitted, latent, scale: {at: 0.0, "joint:j1": -60.0})
+    climb.search, climb.scale = SimpleNamespace(latent=None), 1.0
+    with pytest.raises(Asked) as found:
+        climb.switching(smooth_cause(1.0), SimpleNamespace(excess=0.015))
+    assert found.value.args[0] == asked
 
 
 def test_a_cause_that_explains_whole_records_is_the_answer(monkeypatch):

@@ -48,16 +48,25 @@ def test_a_sticker_that_flutters_is_named_with_its_frequency(markers: tuple[str,
     assert flutters(left(rows, markers), markers) == {"marker:a": pytest.approx(6.1, abs=0.2)}
 
 
+def test_a_sticker_that_flutters_as_slowly_as_bumps_follow_is_named_beside_a_swing_that_all_lack():
+    rows = noise(4)
+    for (_, marker, _), e in rows.items():
+        e += {"marker:a": 1.0, "marker:b": 2.0, "marker:c": 1.5}[marker] * np.sin(2.0 * np.pi * 1.3 * TIME)
+    for i in range(RUNS):
+        rows[i, "marker:a", "x_m"] += 1.3 * np.sin(2.0 * np.pi * 2.4 * TIME + i)
+    assert flutters(left(rows), MARKERS) == {"marker:a": pytest.approx(2.4, abs=0.3)}
+
+
 @pytest.mark.parametrize("memory", [0.0, 0.4])
 def test_noise_does_not_flutter(memory: float):
     assert [flutters(left(noise(seed, memory)), MARKERS) for seed in range(60)] == [{}] * 60
 
 
-def test_what_all_markers_do_and_what_bumps_follow_is_no_flutter():
+def test_what_all_markers_do_and_what_drifts_is_no_flutter():
     shaken, drifting = noise(2), noise(3)
     for (_, marker, _), e in shaken.items():
         e += (1.5 if marker == "marker:a" else 1.0) * np.sin(2.0 * np.pi * 6.1 * TIME)
     for i in range(RUNS):
-        drifting[i, "marker:a", "x_m"] += 8.0 * np.sin(2.0 * np.pi * 0.8 * TIME)
+        drifting[i, "marker:a", "x_m"] += 20.0 * (1.0 - np.exp(-TIME / SECONDS))
     assert flutters(left(shaken), MARKERS) == {}
     assert flutters(left(drifting), MARKERS) == {}
