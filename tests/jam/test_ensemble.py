@@ -73,7 +73,7 @@ def test_an_ensemble_that_was_cut_off_goes_on_and_ends_as_one_left_alone(found, 
     assert len(lines) == 1 + 10
     kept.write_text("\n".join(lines[:-1]) + "\n" + lines[-1][:40])  # the last one was cut off as it was written
     for other, words in (
-        ({"seed": 2}, "belongs to other samples"),
+        ({"seed": 2}, "belongs to another ensemble"),
         ({"checkpoint": tmp_path / "none"}, "does not exist"),
     ):
         with pytest.raises(ValueError, match=words):
