@@ -124,7 +124,7 @@ class Climb:
         if top is best:
             return best, found
         self._tell(f"{' + '.join(top.names)} is the likelier")
-        judged = self._judged(top)
+        judged = self._judged(top, self.searches[id(top.fitted.subject)])
         return judged if self.enough(judged[1]) or not self.enough(found) else self._judged(best)
 
     def switching(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
@@ -287,9 +287,12 @@ class Climb:
         return sorted(at, key=lambda c: -self._by_fit(c))
 
     def confirmed(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """Of sets as large that the fitted experiments hardly tell apart, the one that held-out ones prefer."""
+        """Of sets as large that the fitted experiments hardly tell apart, the one that held-out ones prefer; where no
+        form is right, the most probable one.
+        """
         if not self.enough(last):
-            return best, last
+            known = bool(best.candidates) and self.search.tried.get(best.names) is best
+            return self._likelier_than(best, last) if known else (best, last)
         for alias in self.searches[id(best.fitted.subject)].complete(best, self.scale) if best.candidates else ():
             self.search.tried[alias.names] = alias
         near = [

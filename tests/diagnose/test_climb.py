@@ -63,3 +63,16 @@ def test_a_cause_that_explains_whole_records_is_the_answer(monkeypatch):
     climb = climbing(monkeypatch, enough=True, refused=False)
     best, last = smooth_cause(1.0), SimpleNamespace(excess=0.0)
     assert climb.switching(best, last) == (best, last)
+
+
+def test_where_no_form_is_right_the_most_probable_set_is_the_answer(monkeypatch):
+    climb = climbing(monkeypatch, enough=False, refused=True)
+    subject, left = object(), SimpleNamespace(excess=0.3)
+    first, likelier = (
+        SimpleNamespace(names=(name,), candidates=(1,), fitted=SimpleNamespace(subject=subject)) for name in "ab"
+    )
+    climb.search = SimpleNamespace(tried={first.names: first, likelier.names: likelier})
+    climb.searches = {id(subject): climb.search}
+    monkeypatch.setattr(climb, "_most_probable", lambda best, worth, size: likelier)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, left))
+    assert climb.confirmed(first, SimpleNamespace(excess=1.7)) == (likelier, left)
