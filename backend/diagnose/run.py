@@ -204,8 +204,8 @@ class _Inquiry:
             at = max(joints, key=lambda k: joints[k]).partition(":")[2]
             missing = MissingForce(self.subject, baseline.fitted, latent, at, self.scale)
         also: dict[tuple[str, ...], list[list[str]]] = {}
+        fitted = {c.names: c for c in causes}
         if verdict != "none":
-            fitted = {c.names: c for c in causes}
             for i in belief.reported:
                 cause = belief.causes[i]
                 if cause.fitted.subject is self.subject:
@@ -218,7 +218,7 @@ class _Inquiry:
             following = next_experiment(self.subject, belief, self.scale / np.sqrt(soft))
         made = make_report(
             verdict, self.subject, baseline, best, belief, about, also, free, missing, shrunk, self.scale, soft, p,
-            following, self.warnings_of(verdict, shrunk), self.tolerance_m, time.perf_counter() - self.began,
+            following, self.warnings_of(verdict, shrunk), self.tolerance_m, time.perf_counter() - self.began, fitted,
         )  # fmt: skip
         self.progress(1.0, "done")
         return Diagnosis(

@@ -50,8 +50,9 @@ def make_report(
     warnings: Sequence[str],
     tolerance_m: float | None,
     wall_s: float,
+    tried: Mapping[tuple[str, ...], Cause],
 ) -> GapReport:
-    """Everything that was found, in the words of the file format."""
+    """Everything that was found, in the words of the file format. tried: all sets that were fitted, by their names."""
     none, unknown, chances = _chances(verdict, belief, shrunk)
     listed = belief.causes[:MOST_CAUSES] if verdict != "none" else belief.causes[:3]
     reported = set(belief.reported)
@@ -72,7 +73,10 @@ def make_report(
     fitted_gap = _fit_remainder(subject, baseline, best, scale)
     return GapReport(
         verdict=verdict,
-        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported), unknown),
+        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported), unknown)
+        + (
+            _mostly(subject, baseline, listed[0], tried, scale) if listed and verdict not in ("none", "unknown") else ""
+        ),
         where=Where(
             locations=locations(weighed, model_free) if verdict != "none" else [],
             phases=missing.phases() if missing and verdict != "none" else [],
@@ -93,6 +97,7 @@ def make_report(
     )
 
 
+MOST = 0.5  # of a gap: a member of a set that alone explains so much is said to
 APPROXIMATE_UNKNOWN = 0.3  # what is missing besides a form that removes most of the gap
 AT_LEAST_UNKNOWN = 0.9
 
@@ -150,6 +155,27 @@ def _rms(subject: Subject, fitted: Fitted, scale: float) -> tuple[float, float]:
         noise += float(np.sum((scale * subject.noise.sigma[i][rows]) ** 2))
         count += int(rows.sum())
     return float(np.sqrt(miss / max(count, 1))), float(np.sqrt(noise / max(count, 1)))
+
+
+def _mostly(
+    subject: Subject, baseline: Cause, best: Cause, tried: Mapping[tuple[str, ...], Cause], scale: float
+) -> str:
+    """Where one member of a set does most of what the set does: which, and how much of the fitted gap."""
+    if len(best.candidates) < 2:
+        return ""
+    effects = zip(best.candidates, _effects(best, 1.0, 1.0), strict=True)
+    alone = [(tried[c.name,].fitted, effect) for c, effect in effects if (c.name,) in tried]
+    whole = [(made, effect) for made, effect in alone if made.fraction == best.fitted.fraction == 1.0]
+    if not whole:
+        return ""
+    made, effect = min(whole, key=lambda one: one[0].chi2)
+    before, noise = _rms(subject, baseline.fitted, scale)
+    after, _ = _rms(subject, made, scale)
+    share = (before**2 - after**2) / max(before**2 - noise**2, 1e-300)
+    if share < MOST:
+        return ""
+    name = _named(effect)
+    return f" {name[0].upper()}{name[1:]} alone explains {100 * min(share, 1.0):.1f}% of the fitted gap."
 
 
 def _held_out(shrunk: Shrinkage | None) -> HeldOut | None:

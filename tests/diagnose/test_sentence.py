@@ -1,0 +1,44 @@
+"""What a verdict's sentence says of a set: which member does most of it alone."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from backend.diagnose import verdict as module
+from backend.mechanism.gap_report import CauseEffect
+
+
+def cause(*on: str, rms: float, fraction: float = 1.0) -> Any:
+    members = tuple(SimpleNamespace(name=f"air_drag:{place}", on=(place,)) for place in on)
+    return SimpleNamespace(
+        names=tuple(m.name for m in members), candidates=members,
+        fitted=SimpleNamespace(chi2=rms**2, fraction=fraction, rms=rms),
+    )  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def stubs(monkeypatch):
+    monkeypatch.setattr(module, "_rms", lambda subject, fitted, scale: (fitted.rms, 1.0))
+    monkeypatch.setattr(
+        module, "_effects",
+        lambda c, scale, soft: [CauseEffect(kind="air_drag", on=m.on, parameters={}) for m in c.candidates],
+    )  # fmt: skip
+
+
+def said(*singles: Any) -> str:
+    subject: Any = None
+    best, baseline = cause("Arm", "tip", rms=1.0), cause(rms=10.0)
+    return module._mostly(subject, baseline, best, {s.names: s for s in singles}, 1.0)
+
+
+def test_the_member_that_does_most_of_a_set_is_named_with_its_share_of_the_gap():
+    share = 100.0 * (10.0**2 - 2.0**2) / (10.0**2 - 1.0**2)
+    words = said(cause("Arm", rms=2.0), cause("tip", rms=9.0))
+    assert words == f" Air drag at Arm alone explains {share:.1f}% of the fitted gap."
+
+
+def test_nothing_is_said_where_no_member_does_most_or_follows_whole_records():
+    assert said(cause("Arm", rms=8.0), cause("tip", rms=9.0)) == ""
+    assert said(cause("Arm", rms=2.0, fraction=0.5)) == ""
+    assert said() == ""
