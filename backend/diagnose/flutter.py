@@ -44,16 +44,16 @@ def flutters(fitted: Fitted, markers: Sequence[str]) -> dict[str, float]:
     slow, fast = _frequencies(fitted)
     tried = max(slow.size + fast.size, 1) * len(markers)
     found: dict[str, tuple[float, float]] = {}
-    for hz, loudest, beside in ((slow, _loudest_other, _bend), (fast, _usual, _bumps)):
+    for hz, noise_of, beside in ((slow, _loudest_other, _bend), (fast, _usual, _bumps)):
         power = {m: p for m in markers if hz.size and (p := _power(fitted, m, hz, beside)).free}
         for marker, own in power.items():
-            noise = loudest(own, [p for m, p in power.items() if m != marker])
+            noise = noise_of(own, [p for m, p in power.items() if m != marker])
             if noise is None:
                 continue
-            chance = tried * chi2.sf(own.of / np.maximum(noise, 1.0), own.free)
-            best = int(np.argmin(chance))
-            if chance[best] < min(SURE, found.get(marker, (SURE, 0.0))[0]):
-                found[marker] = float(chance[best]), float(hz[best])
+            over = own.of / np.maximum(noise, 1.0)
+            best = int(np.argmax(over))
+            if tried * chi2.sf(over[best], own.free) < SURE:
+                found[marker] = max(found.get(marker, (0.0, 0.0)), (float(over[best]), float(hz[best])))
     return {marker: hz for marker, (_, hz) in found.items()}
 
 

@@ -48,6 +48,13 @@ def test_a_sticker_that_flutters_is_named_with_its_frequency(markers: tuple[str,
     assert flutters(left(rows, markers), markers) == {"marker:a": pytest.approx(6.1, abs=0.2)}
 
 
+def test_a_loud_flutter_is_named_with_its_frequency_too():
+    rows = noise(5)
+    for i in range(RUNS):
+        rows[i, "marker:a", "x_m"] += 40.0 * np.sin(2.0 * np.pi * 2.4 * TIME + i)
+    assert flutters(left(rows), MARKERS) == {"marker:a": pytest.approx(2.4, abs=0.2)}
+
+
 def test_a_sticker_that_flutters_as_slowly_as_bumps_follow_is_named_beside_a_swing_that_all_lack():
     rows = noise(4)
     for (_, marker, _), e in rows.items():
