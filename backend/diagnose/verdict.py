@@ -174,8 +174,8 @@ def _mostly(
     share = (before**2 - after**2) / max(before**2 - noise**2, 1e-300)
     if share < MOST:
         return ""
-    name = _named(effect)
-    return f" {name[0].upper()}{name[1:]} alone explains {100 * min(share, 1.0):.1f}% of the fitted gap."
+    name, much = _named(effect), "more than 99.9%" if share > 0.999 else f"{100 * share:.1f}%"
+    return f" {name[0].upper()}{name[1:]} alone explains {much} of the fitted gap."
 
 
 def _held_out(shrunk: Shrinkage | None) -> HeldOut | None:

@@ -36,6 +36,7 @@ def test_the_member_that_does_most_of_a_set_is_named_with_its_share_of_the_gap()
     share = 100.0 * (10.0**2 - 2.0**2) / (10.0**2 - 1.0**2)
     words = said(cause("Arm", rms=2.0), cause("tip", rms=9.0))
     assert words == f" Air drag at Arm alone explains {share:.1f}% of the fitted gap."
+    assert said(cause("Arm", rms=1.01)) == " Air drag at Arm alone explains more than 99.9% of the fitted gap."
 
 
 def test_nothing_is_said_where_no_member_does_most_or_follows_whole_records():
