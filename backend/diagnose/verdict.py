@@ -71,12 +71,11 @@ def make_report(
         none, unknown = (1.0, 0.0) if verdict == "none" else (0.0, 1.0)
     weighed = Belief(tuple(listed), shown, belief.log_z[: len(listed)], none, unknown)
     fitted_gap = _fit_remainder(subject, baseline, best, scale)
+    named = listed and verdict not in ("none", "unknown")
+    mostly = _mostly(subject, baseline, listed[0], tried, scale) if named else ""
     return GapReport(
         verdict=verdict,
-        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported), unknown)
-        + (
-            _mostly(subject, baseline, listed[0], tried, scale) if listed and verdict not in ("none", "unknown") else ""
-        ),
+        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported), unknown) + mostly,
         where=Where(
             locations=locations(weighed, model_free) if verdict != "none" else [],
             phases=missing.phases() if missing and verdict != "none" else [],
