@@ -89,10 +89,12 @@ def _bandwidth(e: Float[np.ndarray, "t p"]) -> int:
 
 
 def largest(A: Float[np.ndarray, "p p"], B: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Smallest inflation of A that is at least B along B's eigenvectors in A's metric."""
-    w, V = np.linalg.eigh(A)
+    """Smallest inflation of A that is at least B along B's eigenvectors in A's metric; whatever the units of each row."""
+    D = np.sqrt(np.maximum(np.diag(A), np.diag(B)))  # metres beside N/m: what is small would drown in rounding
+    D = np.where(D > 0.0, D, 1.0)
+    w, V = np.linalg.eigh(A / np.outer(D, D))
     w = np.maximum(w, 1e-14 * max(w.max(), 1e-300))
     half, inverse = V * np.sqrt(w), V / np.sqrt(w)
-    ratio, U = np.linalg.eigh(inverse.T @ B @ inverse)
-    C = half @ U
+    ratio, U = np.linalg.eigh(inverse.T @ (B / np.outer(D, D)) @ inverse)
+    C = D[:, None] * (half @ U)
     return (C * np.maximum(ratio, 1.0)) @ C.T
