@@ -47,6 +47,7 @@ FORMS = {
     "contact": ("clearance:play.radial_m", "clearance:play.friction_coefficient"),
     "viscous": ("clearance:play.radial_m", "viscous_friction:drag.damping_n_m_s_per_rad"),
 }
+WALLS = ("clearance:play.stiffness_n_per_m", "clearance:play.restitution")  # free too where walls are soft
 # What the fit of the table "wrong" is not told: it knows rigid walls without friction that give nothing back.
 SOFT, BOUNCING, RUBBING = ("stiffness_n_per_m", 2e5), ("restitution", 0.8), ("friction_coefficient", 0.1)
 UNTOLD = (
@@ -80,6 +81,11 @@ class Case:
     def truth(self) -> np.ndarray:
         """Play [m] and friction."""
         return np.array([self.radial_m, self.friction])
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Play and friction, and the walls where the drawing says that they are soft: what they give back nobody knows."""
+        return FORMS[self.form] + (WALLS if self.stiffness_n_per_m else ())
 
 
 def drawn(
@@ -170,7 +176,7 @@ def unscaled(result: FitResult, start: np.ndarray) -> Solution:
 
 def found(case: Case, study: Study, optimiser: Optimiser = "lm") -> FitResult:
     """The study fitted."""
-    return fit_study(study, FORMS[case.form], optimiser=optimiser, profiles=False, step_s=case.step_s)
+    return fit_study(study, case.free, optimiser=optimiser, profiles=False, step_s=case.step_s)
 
 
 def values(case: Case, result: FitResult) -> np.ndarray:

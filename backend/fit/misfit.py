@@ -89,7 +89,7 @@ def _bandwidth(e: Float[np.ndarray, "t p"]) -> int:
 
 
 def largest(A: Float[np.ndarray, "p p"], B: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Smallest inflation of A that is at least B along B's eigenvectors in A's metric; whatever the units of each row."""
+    """Smallest inflation of A that is at least B along B's eigenvectors in A's metric, whatever the units of rows."""
     D = np.sqrt(np.maximum(np.diag(A), np.diag(B)))  # metres beside N/m: what is small would drown in rounding
     D = np.where(D > 0.0, D, 1.0)
     w, V = np.linalg.eigh(A / np.outer(D, D))
