@@ -84,7 +84,7 @@ class Case:
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Play and friction, and the walls where the drawing says that they are soft: what they give back nobody knows."""
+        """Play and friction; the walls too where they are soft: what those give back nobody knows."""
         return FORMS[self.form] + (WALLS if self.stiffness_n_per_m else ())
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
 from backend.diagnose.fitted import log_evidence
-from backend.diagnose.library import LOAD, PLAYS, SMOOTH, families, library
+from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library
 from backend.diagnose.softness import softness
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import passed
@@ -233,7 +233,8 @@ class Climb:
 
     def _search_of(self, family: str) -> Search | None:
         """The same experiments under another family's model; None where the mechanism has no place for it."""
-        known = library(self.study.mechanism, family, self.study.tolerances, self.without)
+        every = library(self.study.mechanism, family, self.study.tolerances, self.without)
+        known = alike(every, self.search.subject.library)
         if not any(c.family == family for c in known.candidates):
             return None
         mine = self.search.subject

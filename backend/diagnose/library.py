@@ -38,6 +38,7 @@ PLAYS = frozenset(kind for kind, e in catalogue().items() if issubclass(e, Abstr
 TIGHT = 1e-6  # mechanism lengths: play of a pin that is as good as none
 GIVES = (10.0, 1.0, 0.1)  # of the softest stiffness that nobody need state: where a search for it begins
 OF_DRAWN = 0.3  # of a value that is drawn: how far it may be off before any data
+SILENT = 1e-6  # of what the loudest number of a cause moves
 KNOWN_ENOUGH = 3.0  # a tolerance of a drawing is a finding beyond so many of its standard deviations
 
 
@@ -114,6 +115,11 @@ class Candidate:
     def overlaps(self, other: Candidate) -> bool:
         """Whether both are one effect, or one is inside or around the other, shared one."""
         return self.kind == other.kind and bool(set(self.on) & set(other.on))
+
+    def only(self, kept: Sequence[bool] | Bool[np.ndarray, " own"]) -> Candidate:
+        """With some of its numbers alone."""
+        of = lambda numbers: tuple(n for n, keep in zip(numbers, kept, strict=True) if keep)  # noqa: E731
+        return replace(self, parameters=of(self.parameters), takes=of(self.takes), tries=of(self.tries))
 
     def ties(self, count: int) -> np.ndarray:
         """(count, own): from its numbers to the library's."""
@@ -216,6 +222,27 @@ def library(
     unstated = {i: around for i, (p, row) in enumerate(zip(found, rows, strict=True)) if (around := _around(p, row))}
     candidates = [c for c in _candidates(mechanism, wanted, as_causes, found, tries, unstated) if c.kind not in without]
     return Library(family, parameters, tuple(added.values()), _shared_out(candidates), nuisances, neutral)
+
+
+def heard(known: Library, loudness: Float[np.ndarray, " parameters"]) -> Library:
+    """Without the numbers of a cause that move nothing to first order where another of its numbers does: how far a rail
+    leans sideways would be fitted to what the cause leaves.
+
+    loudness: size of each parameter's slope where nothing is amiss [sigmas of the data].
+    """
+
+    def audible(c: Candidate) -> Candidate:
+        loud = np.array([np.linalg.norm(loudness[list(take)]) for take in c.takes]) * c.prior_sd
+        return c.only(~c.sizes | (loud > SILENT * loud.max())) if loud.max() > SILENT else c
+
+    return replace(known, candidates=tuple(map(audible, known.candidates)))
+
+
+def alike(known: Library, other: Library) -> Library:
+    """With the numbers that the same candidates of another library have."""
+    names = {c.name: {p.name for p in c.parameters} for c in other.candidates}
+    kept = [c.only([p.name in names.get(c.name, {p.name}) for p in c.parameters]) for c in known.candidates]
+    return replace(known, candidates=tuple(kept))
 
 
 def _shared_out(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:

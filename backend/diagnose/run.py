@@ -14,10 +14,10 @@ from backend.diagnose.belief import Belief, aliases, weigh
 from backend.diagnose.climb import ALPHA, NEAR, STRICT, SURE, WIDE, Climb, form
 from backend.diagnose.kept import Kept
 from backend.diagnose.latent import Latent, forces, log_mean, responses
-from backend.diagnose.library import SMOOTH, library
+from backend.diagnose.library import SMOOTH, heard, library
 from backend.diagnose.next_experiment import next_experiment
 from backend.diagnose.overpromise import overpromise
-from backend.diagnose.screen import Screen
+from backend.diagnose.screen import Screen, library_slopes
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
 from backend.diagnose.softness import softness
 from backend.diagnose.subject import SAME, Subject, prepare
@@ -104,6 +104,8 @@ class _Inquiry:
         """All steps."""
         self.tell("fitting the drawing as it is")
         baseline = self.search.baseline()
+        loudness = np.linalg.norm(library_slopes(baseline.fitted), axis=0)
+        self.subject.library = heard(self.subject.library, loudness)
         about = self.search.screen(baseline)
         latent = self.search.latent
         at_base = adequacy(baseline.fitted, latent, self.rng)

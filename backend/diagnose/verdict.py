@@ -14,6 +14,7 @@ from backend.diagnose.shrink import Shrinkage
 from backend.diagnose.subject import Subject
 from backend.diagnose.where import MissingForce, joint_gaps, locations, marker_gaps
 from backend.diagnose.which import Cause
+from backend.diagnose.wrong_form import deviations, deviations_of_noise
 from backend.mechanism.gap_report import (
     Amount,
     CauseEffect,
@@ -59,9 +60,10 @@ def make_report(
     left = 1.0 - none - unknown
     shown = np.array([chances[i] for i in range(len(listed))])
     shown = shown * (left / shown.sum()) if shown.size and shown.sum() > 0 else shown
+    sds = [_deviations(c, verdict, scale, softness) for c in listed]
     causes = [
         CauseSet(
-            effects=_effects(c, scale, softness), probability=float(q), log_evidence=float(c.log_z),
+            effects=_effects(c, sds[i]), probability=float(q), log_evidence=float(c.log_z),
             indistinguishable_from=list(aliases.get(c.names, [])),
             adequate=verdict in ("identified", "ambiguous") and i in reported,
         )
@@ -114,8 +116,12 @@ def _chances(verdict: Verdict, belief: Belief, shrunk: Shrinkage | None) -> tupl
     return min(belief.none, 0.5), max(belief.unknown, 0.005), belief.probability
 
 
-def _effects(cause: Cause, scale: float, softness: float) -> list[CauseEffect]:
-    sd = np.sqrt(np.maximum(np.diag(scaled(cause.fitted, scale / np.sqrt(softness)).covariance), 0.0))
+def _deviations(cause: Cause, verdict: Verdict, scale: float, softness: float) -> np.ndarray:
+    none = verdict == "none"
+    return deviations_of_noise(scaled(cause.fitted, scale)) if none else deviations(cause.fitted, scale, softness)
+
+
+def _effects(cause: Cause, sd: np.ndarray) -> list[CauseEffect]:
     found, at = [], 0
     for c in cause.candidates:
         numbers = {}
@@ -162,7 +168,7 @@ def _mostly(
     """Where one member of a set does most of what the set does: which, and how much of the fitted gap."""
     if len(best.candidates) < 2:
         return ""
-    effects = zip(best.candidates, _effects(best, 1.0, 1.0), strict=True)
+    effects = zip(best.candidates, _effects(best, deviations_of_noise(best.fitted)), strict=True)
     alone = [(tried[c.name,].fitted, effect) for c, effect in effects if (c.name,) in tried]
     whole = [(made, effect) for made, effect in alone if made.fraction == best.fitted.fraction == 1.0]
     if not whole:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backend.diagnose.library import LOAD, SMOOTH, families, library
+from backend.diagnose.library import LOAD, SMOOTH, alike, families, heard, library
 from backend.effects.catalogue import catalogue
 from backend.mechanism.study import Tolerance
 from tests.mechanisms import effect, fourbar
@@ -74,3 +74,23 @@ def test_a_drawn_friction_stands_as_it_is_drawn():
     assert {name.rpartition(".")[2]: at[name] for name in own} == {
         "friction_torque_n_m": (0.01, 0.01), "presliding_rad": (0.0, 0.0),
     }  # fmt: skip
+
+
+def test_a_number_that_moves_nothing_to_first_order_is_not_free_beside_one_that_does():
+    found = library(fourbar(), SMOOTH)
+    loudness = np.ones(len(found.parameters))
+    silent = next(i for i, p in enumerate(found.parameters) if p.name == "gravity_tilt:world.roll_rad")
+    loudness[silent] = 1e-9
+    tilt = {c.name: c for c in heard(found, loudness).candidates}["gravity_tilt:world"]
+    assert [p.parameter for p in tilt.parameters] == ["pitch_rad"]
+    assert tilt.ties(loudness.size).sum() == 1.0
+    others = [c for c in heard(found, loudness).candidates if c.kind != "gravity_tilt"]
+    assert others == [c for c in found.candidates if c.kind != "gravity_tilt"]
+    beside = {c.name: c for c in alike(library(fourbar(), "clearance"), heard(found, loudness)).candidates}
+    assert beside["gravity_tilt:world"].parameters == tilt.parameters
+    assert any(c.kind == "clearance" for c in beside.values())
+
+
+def test_where_nothing_moves_every_number_stays():
+    found = library(fourbar(), SMOOTH)
+    assert heard(found, np.zeros(len(found.parameters))) == found
