@@ -47,7 +47,9 @@ def warn_height(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> 
 
 def _listed(bed: Bed) -> list[float]:
     heights = bed.marker_height_m
-    return list(heights.values()) if isinstance(heights, dict) else [heights or 0.0]
+    if isinstance(heights, dict):
+        return list(heights.values())
+    return [heights if isinstance(heights, float) else 0.0]  # those of the drawing are a dict by now
 
 
 def _raised(bed: Bed) -> bool:
