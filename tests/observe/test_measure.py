@@ -3,8 +3,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from backend.blind.camera import Camera, Sticker
+from backend.cli import app
 from backend.mechanism.tracks import read_table
 from backend.observe.measure import track_video
 from backend.observe.tracking_error import TrackingError
@@ -108,6 +110,19 @@ def test_on_request_a_gap_is_filled_with_predictions_that_admit_their_error(tmp_
     assert filled.sum() == 8
     error = np.hypot(*errors_m(clip, tracks).transpose(2, 0, 1)).ravel()
     assert (error[filled] < 3 * np.sqrt(2) * tracks.sigma_m.to_numpy()[filled]).all()
+
+
+def test_the_command_line_fills_gaps_when_asked(tmp_path):
+    times = np.arange(40) / 240
+    cover = card(0.033, -0.02, 0.028, times[15] - 1e-3, times[23] - 1e-3)
+    clip = film(tmp_path / "hidden.mp4", times, four, occluders=[cover])
+    (tmp_path / "m.json").write_text(clip.mechanism.model_dump_json())
+    (tmp_path / "bed.json").write_text(json.dumps(clip.bed))
+    given = ["track", clip.path, "--mechanism", tmp_path / "m.json", "--bed", tmp_path / "bed.json", "--out", tmp_path]
+    for asked, status in (([], "occluded"), (["--coast", "0.1"], "predicted")):
+        done = CliRunner().invoke(app, [*map(str, given), "--json", *asked])
+        assert done.exit_code == 0, done.stderr
+        assert json.loads(done.stdout)["markers"]["swing"]["status"] == {"observed": 32, status: 8}
 
 
 def test_a_half_covered_dot_is_an_outlier_with_a_sigma_as_large_as_its_error(tmp_path):
