@@ -185,6 +185,7 @@ class Linktwin:
         to_s: float | None = None,
         filmed_per_s: float | None = None,
         keep_truncated: bool = False,
+        coast_s: float = 0.0,
         repeat_key: str | None = None,
     ) -> JobAnswer:
         """Measure where the markers went in a clip: `linktwin track`.
@@ -194,7 +195,8 @@ class Linktwin:
         return self.start(
             {"kind": "track", "video": _id(video), "mechanism": _id(mechanism), "bed": bed_told(bed),
              "clicks": told(clicks), "targets": told(targets), "from_s": from_s, "to_s": to_s,
-             "filmed_per_s": filmed_per_s, "keep_truncated": keep_truncated}, repeat_key,
+             "filmed_per_s": filmed_per_s, "keep_truncated": keep_truncated, "coast_s": coast_s},
+            repeat_key,
         )  # fmt: skip
 
     def start(self, request: Mapping[str, Any], repeat_key: str | None = None) -> JobAnswer:

@@ -49,6 +49,12 @@ def track(
         float | None,
         typer.Option(metavar="RATE", min=1.0, help="Frames a second of slow motion that does not note its rate."),
     ] = None,
+    coast_s: Annotated[
+        float,
+        typer.Option(
+            "--coast", metavar="SECONDS", min=0.0, help="Fill gaps up to this long with predictions, marked as such."
+        ),
+    ] = 0.0,
     server: Server = None,
     key: Key = None,
     out: Out = None,
@@ -67,7 +73,7 @@ def track(
                 server, key, mechanism, folder,
                 lambda there, drawing, clip: there.track(
                     clip, drawing, bed=bed, clicks=clicks, targets=targets, from_s=start_s, to_s=end_s,
-                    filmed_per_s=filmed_at, keep_truncated=keep_truncated,
+                    filmed_per_s=filmed_at, keep_truncated=keep_truncated, coast_s=coast_s,
                 ),
                 study=False, clip=video,
             )  # fmt: skip
@@ -90,6 +96,7 @@ def track(
                 checkpoint=cotracker,
                 keep_truncated=keep_truncated,
                 part=Part(start_s, math.inf if end_s is None else end_s, filmed_at),
+                coast_s=coast_s,
                 progress=counting(advance),
             )
         files = _files(folder)

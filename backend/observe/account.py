@@ -34,7 +34,8 @@ def warn_height(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> 
         return [
             f"How far the dots are above the plane of the bed marks is unknown and taken as zero; {camera}, so "
             f"dots {1e3 * UNKNOWN_HEIGHT_M:.0f} mm up are placed up to {1e3 * UNKNOWN_HEIGHT_M * per_height:.1f} mm "
-            "too far out. Give marker_height_m, and lens or camera_height_m, with the bed marks."
+            'too far out. Give marker_height_m, or "drawn" for the drawing\'s, and lens or camera_height_m, with the '
+            "bed marks."
         ]
     highest = max(map(abs, _listed(bed)))
     return [
@@ -46,7 +47,9 @@ def warn_height(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> 
 
 def _listed(bed: Bed) -> list[float]:
     heights = bed.marker_height_m
-    return list(heights.values()) if isinstance(heights, dict) else [heights or 0.0]
+    if isinstance(heights, dict):
+        return list(heights.values())
+    return [heights if isinstance(heights, float) else 0.0]  # those of the drawing are a dict by now
 
 
 def _raised(bed: Bed) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +21,8 @@ from backend.observe.described import Described, Number
 from backend.observe.lens import Lens
 from backend.observe.plane import Plane
 from backend.observe.tracking_error import TrackingError
+
+DRAWN = "drawn"  # heights are the drawing's: see drawn_heights.py
 
 
 class BedMark(Described):
@@ -79,9 +81,10 @@ class Bed(Described):
 
     tags: marks that are found in the first picture by themselves.  stick: in place of both.  camera: what `linktwin
     calibrate` saved, in place of lens.  camera_height_m: camera to bed, where no lens is known.  marker_height_m: dots
-    above the plane of the marks, towards the camera [m]: one for all, or by marker; unknown where None; those that a
-    camera file found are taken where none are given.  mark_sd_m, marker_height_sd_m: how well the marks' places on the
-    bed, and given heights, are known.  readout_s: from the first row of a picture to the last, of a rolling shutter.
+    above the plane of the marks, towards the camera [m]: one for all, by marker, or DRAWN; unknown where None; those
+    that a camera file found are taken where none are given.  mark_sd_m, marker_height_sd_m: how well the marks' places
+    on the bed, and given heights, are known.  readout_s: from the first row of a picture to the last, of a rolling
+    shutter.
     """
 
     marks: tuple[BedMark, ...] = ()
@@ -91,7 +94,7 @@ class Bed(Described):
     lens: Lens | None = None
     camera: Camera | None = None
     camera_height_m: Annotated[Number, Field(gt=0)] | None = None
-    marker_height_m: Number | dict[str, Number] | None = None
+    marker_height_m: Number | Literal["drawn"] | dict[str, Number] | None = None
     mark_sd_m: Annotated[Number, Field(ge=0)] = 2e-4
     marker_height_sd_m: Annotated[Number, Field(gt=0)] = 5e-4
     readout_s: Annotated[Number, Field(ge=0, lt=0.1)] = 0.0

@@ -25,7 +25,7 @@ PICTURES = 47  # looked at together with the one before; its window is 60
 def cotracker(checkpoint: str | Path) -> Any:
     """The predictor with the user's own weights, on a GPU where there is one.
 
-    Raises TrackingError where the package, PyTorch or the checkpoint is missing.
+    Raises TrackingError where the package, PyTorch or the checkpoint is missing, or the weights are another model's.
     """
     if not Path(checkpoint).is_file():
         raise TrackingError(f"There is no CoTracker checkpoint {checkpoint}. Give the path of its weights.")
@@ -37,7 +37,13 @@ def cotracker(checkpoint: str | Path) -> Any:
             f"CoTracker is not installed here ({error}). Install PyTorch and its cotracker package in this "
             "environment, or leave the checkpoint out: Lucas-Kanade needs neither."
         ) from error
-    model = predictor.CoTrackerPredictor(checkpoint=str(checkpoint))
+    try:
+        model = predictor.CoTrackerPredictor(checkpoint=str(checkpoint))
+    except Exception as error:  # PyTorch refuses what is no checkpoint, and weights of another shape, in many ways
+        raise TrackingError(
+            f"{Path(checkpoint).name} does not hold the weights of CoTracker 3's offline model "
+            f"({type(error).__name__}). Give those (scaled_offline.pth), not the online model's or CoTracker 2's."
+        ) from error
     return model.to("cuda") if torch.cuda.is_available() else model
 
 

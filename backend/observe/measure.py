@@ -18,6 +18,7 @@ from backend.observe.camera import write_camera
 from backend.observe.camera_in_clip import shared_error
 from backend.observe.carried import TEXTURE, GivenTargets, Untagged, read_targets
 from backend.observe.cotracker import cotracker, rough_paths
+from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.follow_bed import BedWatch, ShakenView, settle
 from backend.observe.kinematics import kinematics_of
 from backend.observe.label import drawn_positions
@@ -86,7 +87,6 @@ def track_video(
     drawn = drawn_positions(mechanism)
     if not drawn:
         raise TrackingError("The drawing has no markers; add a marker for each dot that is to be followed.")
-    heights, warnings = bed.heights(list(drawn))
     video = Video(video_path, keep_truncated, part)
     pictures = iter(video)
     first = next(pictures, None)
@@ -95,7 +95,9 @@ def track_video(
     height_px, width_px = first.luma.shape
     given = bed.camera
     bed, told = bed_in_picture(bed, first.luma)
-    warnings += told
+    bed, below = raised_as_drawn(bed, drawn)
+    heights, warnings = bed.heights(list(drawn))
+    warnings += told + below
     view = view_in_picture(bed, width_px, height_px)
     on_bed = bed.plane.from_world(np.array(list(drawn.values())))[:, :2]
     check_marks(bed, view, (width_px, height_px))

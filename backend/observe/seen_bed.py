@@ -40,7 +40,11 @@ def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list
     missing = [str(t.id) for t in bed.tags if t.id not in seen]
     if len(bed.marks) + len(marks) < 4:
         others = sorted(set(seen) - {t.id for t in bed.tags})
-        unlisted = f" Tags {', '.join(map(str, others))} are seen and not listed in the bed file." if others else ""
+        unlisted = (
+            f" Tags {', '.join(map(str, others))} are seen and not listed in the bed file: is it another bed's?"
+            if others
+            else ""
+        )
         mirrored = find_tags(np.ascontiguousarray(luma[:, ::-1]))
         if len(mirrored) > len(seen):
             raise TrackingError(
@@ -48,8 +52,8 @@ def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list
                 "image. Film with the camera at the back, or send the clip without the mirror effect."
             )
         raise TrackingError(
-            f"Of the bed tags {', '.join(str(t.id) for t in bed.tags)}, {len(marks)} are found in the first picture "
-            f"(missing: {', '.join(missing)}); four marks or tags fix the bed.{unlisted} Keep the tags' white margins, "
+            f"{len(marks)} of the {len(bed.tags)} bed tags are found in the first picture (missing: "
+            f"{', '.join(missing)}); four marks or tags fix the bed.{unlisted} Keep the tags' white margins, "
             "sharp and free of reflections, at least 25 pixels wide, uncovered when the clip starts."
         )
     return marks, missing

@@ -14,6 +14,8 @@ from backend.observe.tracking_error import TrackingError
 
 STEADY_FRAMES = 9  # a change of pace that lasts this long is no dropped frame
 RAMP_FACTOR = 2.5  # a phone in the dark halves its rate; slow motion is stretched 4 to 8 times
+FINE_S = 1e-4  # ticks shorter than this move a dot at 1 m/s by less than 0.03 mm
+WITHIN_TICKS = 1.25  # stamps of an even pace, rounded, scatter by one tick; a quarter for a pace that is fitted
 GAP_FRAMES = 12  # a longer hole cannot be bridged by predicting where the dots went
 
 ORIGINAL = (
@@ -41,6 +43,33 @@ def played_slower(
     return 1 / slower, [
         f"{name} was filmed at {captured_per_s:.4g} frames a second, {said}, and plays at "
         f"{played_per_s:.4g}: its times are divided by {slower:.4g}."
+    ]
+
+
+def within_ticks(
+    stamps_s: Float[np.ndarray, "frame"], tick_s: float, name: str
+) -> tuple[Float[np.ndarray, "frame"], list[str]]:
+    """Times of the frames, and what to say of them, where stamps count ticks as coarse as Matroska's milliseconds.
+
+    stamps_s: increasing.  An even pace that every stamp agrees with, but for its rounding, is taken for the camera's
+    own, dropped frames and all; other stamps are left as they are.
+    """
+    step = np.diff(stamps_s)
+    if tick_s < FINE_S or not len(step) or step.min() <= 0:
+        return stamps_s, []
+    usual = float(step[np.abs(step - np.median(step)) < 1.5 * tick_s].mean())
+    count = np.r_[0, np.cumsum(np.rint(step / usual))]
+    pace_s, begun_s = np.polyfit(count, stamps_s, 1)
+    scatter = float(np.ptp(stamps_s - pace_s * count)) / tick_s
+    if scatter < 0.01:  # a frame every so many ticks: nothing was rounded
+        return stamps_s, []
+    ticks = f"{name} stamps its frames in ticks of {1e3 * tick_s:.2g} ms"
+    if scatter <= WITHIN_TICKS and tick_s < pace_s / 2:
+        even = f"{ticks}; all agree with {1 / pace_s:.5g} frames a second, dropped ones left out, which is taken."
+        return begun_s + pace_s * count, [even]
+    return stamps_s, [
+        f"{ticks} and at no even pace: a dot at 1 m/s is placed {1e3 * tick_s / np.sqrt(12):.2f} mm off (rms) along "
+        "its way. Send the file as the camera wrote it, if this one was made of it."
     ]
 
 

@@ -19,7 +19,7 @@ from av.error import FFmpegError
 from av.video.frame import VideoFrame
 from jaxtyping import Float, UInt8
 
-from backend.observe.timestamps import check_times, played_slower
+from backend.observe.timestamps import check_times, played_slower, within_ticks
 from backend.observe.tracking_error import TrackingError
 
 THREADS = min(4, os.cpu_count() or 1)  # each decoding thread holds a frame
@@ -53,7 +53,7 @@ class Index:
 
     times_s: presentation times, in order [s].  promised: frames the header announces (0: it does not say).
     missing_s: how much shorter the readable part is than the header says [s].  captured_per_s: the rate at which
-    the camera says it filmed; None where it says nothing.
+    the camera says it filmed; None where it says nothing.  tick_s: what its stamps count in [s].
     """
 
     times_s: Float[np.ndarray, "frame"]
@@ -61,6 +61,7 @@ class Index:
     missing_s: float
     damaged: int
     captured_per_s: float | None = None
+    tick_s: float = 0.0
 
     @property
     def truncated(self) -> bool:
@@ -110,7 +111,7 @@ def read_index(path: str | Path) -> Index:
         raise TrackingError(f"{name} holds {len(stamps)} frames; motion needs at least two. {remedy}")
     times = np.sort(np.array(stamps, np.int64)) * float(base)
     seen_s = times[-1] - times[0] + float(np.median(np.diff(times)))
-    return Index(times, promised, max(0.0, float(length_s - seen_s)), int(damaged), _rate(captured))
+    return Index(times, promised, max(0.0, float(length_s - seen_s)), int(damaged), _rate(captured), float(base))
 
 
 def _rate(words: str | None) -> float | None:
@@ -159,12 +160,15 @@ class Video:
                 f"{self.name} lasts {shown_s[-1]:.2f} s; {len(kept)} of its frames lie between {part.from_s:.2f} s and "
                 f"{end}. Give a part of it, in seconds as a player shows them."
             )
-        times_s = index.times_s[kept]
-        check_times(times_s, self.name)
+        check_times(index.times_s[kept], self.name)
+        self._stamps_s = index.times_s
+        self._seen_s, of_ticks = within_ticks(index.times_s, index.tick_s, self.name)
+        times_s = self._seen_s[kept]
         self.frame_count, self.truncated = len(times_s), index.truncated
         self.keep_truncated, self.promised = keep_truncated, index.promised
         self._before, self.begins_s = int(kept[0]), float(shown_s[kept[0]])
-        self._pace, self._of_clock = played_slower(times_s, index.captured_per_s, self.name, part.filmed_per_s)
+        self._pace, of_pace = played_slower(times_s, index.captured_per_s, self.name, part.filmed_per_s)
+        self._of_clock = of_ticks + of_pace
         self.warnings += self._of_clock
         self.slower = 1 / self._pace
         self.times_s = self._pace * times_s
@@ -197,7 +201,8 @@ class Video:
                     break
                 if picture.pts is None or picture.is_corrupt or picture.time is None:
                     continue
-                time_s = self._pace * float(picture.pts * (picture.time_base or stream.time_base or Fraction(1)))
+                stamp_s = float(picture.pts * (picture.time_base or stream.time_base or Fraction(1)))
+                time_s = self._pace * float(np.interp(stamp_s, self._stamps_s, self._seen_s))
                 if time_s <= last:
                     continue
                 last = time_s

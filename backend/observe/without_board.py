@@ -17,6 +17,7 @@ from backend.observe.bed import Bed, read_bed
 from backend.observe.beforehand import before, before_of, known_heights, unknown_lens
 from backend.observe.bundle import Bundle, Dots, Marks, Prior, adjust
 from backend.observe.camera import PARAMETERS, Camera, CameraPose, Deviations
+from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.label import drawn_positions
 from backend.observe.placing import placing_sd_m, placing_slopes
 from backend.observe.project import pose
@@ -61,6 +62,7 @@ def calibrate_from_clip(
     height_px, width_px = first.luma.shape
     tracked = track_video(clip, mechanism, bed, out_dir=out_dir, preview=False, progress=progress)
     seen, warnings = bed_in_picture(bed, first.luma)
+    seen, _ = raised_as_drawn(seen, drawn_positions(mechanism))  # what is amiss there, the tracks have told
     camera = camera_from_bars(tracked.tracks, mechanism, seen, (width_px, height_px), bed.camera)
     return camera.model_copy(update={"notes": (*warnings, *camera.notes)}) if warnings else camera
 

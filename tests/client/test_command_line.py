@@ -158,6 +158,8 @@ def test_a_clip_is_tracked_there_with_all_that_the_command_takes(served, tmp_pat
         "--filmed-at",
         "240",
         "--keep-truncated",
+        "--coast",
+        "0.25",
         "--out",
         tmp_path / "out",
     )
@@ -170,6 +172,7 @@ def test_a_clip_is_tracked_there_with_all_that_the_command_takes(served, tmp_pat
         files[f"{field}.json"] for field in ("bed", "targets", "clicks")
     ]
     assert (told["from_s"], told["to_s"], told["filmed_per_s"], told["keep_truncated"]) == (1.5, 4.0, 240.0, True)
+    assert told["coast_s"] == 0.25
     assert bed_told(tmp_path / "with_camera.json")["camera"] == camera
     for wrong, words in ((("--cotracker", tmp_path / "weights"), "this machine"), (("--from", "9"), "not before")):
         refused = run(served, *asked, "--bed", tmp_path / "bed.json", *wrong)

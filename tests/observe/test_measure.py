@@ -3,8 +3,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from backend.blind.camera import Camera, Sticker
+from backend.cli import app
 from backend.mechanism.tracks import read_table
 from backend.observe.measure import track_video
 from backend.observe.tracking_error import TrackingError
@@ -110,6 +112,19 @@ def test_on_request_a_gap_is_filled_with_predictions_that_admit_their_error(tmp_
     assert (error[filled] < 3 * np.sqrt(2) * tracks.sigma_m.to_numpy()[filled]).all()
 
 
+def test_the_command_line_fills_gaps_when_asked(tmp_path):
+    times = np.arange(40) / 240
+    cover = card(0.033, -0.02, 0.028, times[15] - 1e-3, times[23] - 1e-3)
+    clip = film(tmp_path / "hidden.mp4", times, four, occluders=[cover])
+    (tmp_path / "m.json").write_text(clip.mechanism.model_dump_json())
+    (tmp_path / "bed.json").write_text(json.dumps(clip.bed))
+    given = ["track", clip.path, "--mechanism", tmp_path / "m.json", "--bed", tmp_path / "bed.json", "--out", tmp_path]
+    for asked, status in (([], "occluded"), (["--coast", "0.1"], "predicted")):
+        done = CliRunner().invoke(app, [*map(str, given), "--json", *asked])
+        assert done.exit_code == 0, done.stderr
+        assert json.loads(done.stdout)["markers"]["swing"]["status"] == {"observed": 32, status: 8}
+
+
 def test_a_half_covered_dot_is_an_outlier_with_a_sigma_as_large_as_its_error(tmp_path):
     times = np.arange(40) / 240
     # The card is 50 mm up, seen 1/15 farther out: its left edge at 94.2 mm looks to be at 100.5, right of the middle.
@@ -172,6 +187,37 @@ def test_dots_above_the_bed_are_placed_too_far_out_until_the_lens_and_height_are
     exact = track_video(clip.path, clip.mechanism, known, out_dir=tmp_path, preview=False)
     assert np.median(np.hypot(*errors_m(clip, exact.tracks).transpose(2, 0, 1))) < 1e-4
     assert exact.summary["warnings"] == []
+
+
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_heights_may_be_the_drawings_whichever_side_its_plane_is_seen_from(tmp_path, mirror):
+    """Dots 6 to 18 mm up, marks 40 mm above the drawing's origin; z of the mirrored drawing points away."""
+    camera = Camera(width_px=640, height_px=360, tilt_deg=(1.6, -1.1, 0.7))
+
+    def stacked(t):
+        return {n: p + np.array([0, 0, 0.006 + 0.004 * k]) for k, (n, p) in enumerate(four(t).items())}
+
+    clip = film(tmp_path / "stacked.mp4", np.arange(12) / 240, stacked, camera=camera)
+    across = np.array([1, mirror, mirror])
+    mechanism = drawing({n: p[0] * across + [0, 0, 0.04] for n, p in clip.markers_m.items()})
+    marks = [m | {"y_m": mirror * m["y_m"]} for m in clip.bed["marks"]]
+    bed = {"marks": marks, "lens": {"focal_px": 1600}, "plane": {"origin_m": [0, 0, 0.04]}, "marker_height_m": "drawn"}
+    result = track_video(clip.path, mechanism, bed, out_dir=tmp_path, preview=False)
+    off = result.tracks[["x_m", "y_m"]].to_numpy().reshape(-1, 4, 2) * across[:2] - np.stack(
+        [p[:, :2] for p in clip.markers_m.values()], 1
+    )
+    assert np.median(np.abs(off)) < 1e-4  # 6 mm of height, 0.1 m from the middle, are 0.75 mm
+    assert result.summary["warnings"] == []
+
+
+def test_a_drawing_without_heights_cannot_give_them(four_dots, tmp_path):
+    bed = four_dots.bed | {"marker_height_m": "drawn"}
+    with pytest.raises(TrackingError, match=r"no marker above the bed marks.* 0\.0 to 0\.0 mm.*plane\.origin_m"):
+        track_video(four_dots.path, four_dots.mechanism, bed, out_dir=tmp_path)
+    sunk = drawing({n: p[0] + [0, 0, 0.01 * (-1) ** k] for k, (n, p) in enumerate(four_dots.markers_m.items())})
+    result = track_video(four_dots.path, sunk, bed, out_dir=tmp_path, preview=False)
+    assert "below the bed marks" in result.summary["warnings"][0]
+    assert "(-10.0 mm)" in result.summary["warnings"][0]
 
 
 def test_a_known_camera_height_alone_removes_most_of_the_parallax(tmp_path):

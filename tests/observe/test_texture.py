@@ -94,6 +94,19 @@ def test_cotracker_is_asked_for_by_name_where_it_is_missing(tmp_path, monkeypatc
         cotracker(tmp_path / "weights.pth")
 
 
+def test_weights_of_another_model_are_refused_by_the_files_name(tmp_path, monkeypatch):
+    """PyTorch says a RuntimeError of the online model's weights, an UnpicklingError of what is no checkpoint."""
+
+    def refuses(checkpoint):
+        raise RuntimeError("size mismatch for time_emb: [1, 16, 1110] from checkpoint, [1, 60, 1110] in current model")
+
+    (tmp_path / "scaled_online.pth").write_bytes(b"weights")
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "cotracker.predictor", SimpleNamespace(CoTrackerPredictor=refuses))
+    with pytest.raises(TrackingError, match=r"scaled_online\.pth does not hold .* offline model .*scaled_offline\.pth"):
+        cotracker(tmp_path / "scaled_online.pth")
+
+
 class Numbers(np.ndarray):
     """An array that answers as a tensor does."""
 

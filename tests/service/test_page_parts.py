@@ -143,6 +143,7 @@ def test_tags_a_camera_and_a_bed_file_come_to_the_tracker_as_they_are(tmp_path):
         pointed("CD", tagged=2, way="tag", carried=20, camera="700"),
         pointed(ends=2, length=940, way="texture", reach="40", **{"from": "1.5", "to": "4", "rate": "240"}),
         pointed(bed_file={"marks": asked_for(ID, ID, pointed("ABCD")).bed["marks"], "readout_s": 0.01}),
+        pointed(bed_file={"marks": asked_for(ID, ID, pointed("ABCD")).bed["marks"], "marker_height_m": "drawn"}),
         pointed("ABCD", camera_file=json.loads(CAMERA.model_dump_json()), plane="yz", keep=True),
     ],
 )

@@ -75,13 +75,15 @@ def test_what_markers_carry_reaches_the_command(opened, tmp_path):
     (tmp_path / "clip").write_bytes(clip())
     video = store_video(service, LOCAL, tmp_path / "clip")
     targets = dict.fromkeys(drawing.summary["markers"], "texture:40")
-    asked = TrackRequest(kind="track", video=video.id, mechanism=drawing.id, bed=MARKS, targets=targets, to_s=2.5)
+    asked = TrackRequest(
+        kind="track", video=video.id, mechanism=drawing.id, bed=MARKS, targets=targets, to_s=2.5, coast_s=0.25
+    )
     job = start_job(service, LOCAL, asked)
     words = arguments(service, job.request, tmp_path, tmp_path / "out", resume=False)
     options = dict(word.partition("=")[::2] for word in words)
     assert json.loads(Path(options["--targets"]).read_text()) == targets
     assert json.loads(Path(options["--bed"]).read_text()) == MARKS
-    assert (options["--from"], options["--to"]) == ("0.0", "2.5")
+    assert (options["--from"], options["--to"], options["--coast"]) == ("0.0", "2.5", "0.25")
     assert not {"--clicks", "--filmed-at"} & set(options)
 
 

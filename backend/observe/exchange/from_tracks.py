@@ -12,6 +12,7 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from backend.observe.bed import Bed
+from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.exchange import deeplabcut, sleap, trc
 from backend.observe.exchange.camera import Footage
 from backend.observe.exchange.points import Points, listed
@@ -114,10 +115,11 @@ def _pixels(table: pd.DataFrame, points: Points, drawn: Drawn, clip: Footage, be
             raise TrackingError(f"{points.source} holds no pixels (x_px, y_px). {remedy}")
         seen = np.isfinite(points.at).sum(2) >= 2
         markers = list(drawn)
+        bed, _ = raised_as_drawn(clip.seen(bed)[0], drawn)
         heights = bed.heights(markers)[0][[markers.index(name) for name in points.names]]
         known = np.where(np.isnan(points.at), np.array(bed.plane.origin_m), points.at)
         on_bed = bed.plane.from_world(known)[..., :2]
-        view, _ = clip.view(clip.seen(bed)[0], np.zeros((0, 2)))
+        view, _ = clip.view(bed, np.zeros((0, 2)))
         px[seen] = view.pixels(on_bed[seen], np.broadcast_to(heights, seen.shape)[seen])
     uneven = np.ptp(np.diff(times)) > 0.01 * np.median(np.diff(times)) if len(times) > 1 else False
     note = (

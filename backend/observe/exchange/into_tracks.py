@@ -17,6 +17,7 @@ from backend.observe.account import warn_height, warn_marks
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed
 from backend.observe.camera_in_clip import Shared, shared_error
+from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.exchange.camera import Footage
 from backend.observe.exchange.points import Points
 from backend.observe.label import drawn_positions
@@ -114,8 +115,11 @@ def _seen_by_camera(
         raise TrackingError(f"{points.source} is in pixels. Give --bed BED.json: marks in metres and pixels, or tags.")
     given = bed.camera
     bed, notes = clip.seen(bed)
-    markers = list(drawn_positions(mechanism))
+    drawn = drawn_positions(mechanism)
+    bed, below = raised_as_drawn(bed, drawn)
+    markers = list(drawn)
     heights, more = bed.heights(markers)
+    more += below
     own = [markers.index(name) for name in points.names]
     px = at[seen]
     view, size_px = clip.view(bed, px)

@@ -65,7 +65,7 @@ def _track(service: Service, request: dict[str, Any], inputs: Path, resume: bool
             path = inputs / f"{field}.json"
             path.write_text(json.dumps(request[field]), encoding="utf-8")
             options.append(f"--{field}={path}")
-    options += _options(request, from_s="from", to_s="to", filmed_per_s="filmed-at")
+    options += _options(request, from_s="from", to_s="to", filmed_per_s="filmed-at", coast_s="coast")
     return ["track", str(film), *options, *_flags(keep_truncated=request["keep_truncated"])]
 
 

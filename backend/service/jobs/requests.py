@@ -167,6 +167,9 @@ class TrackRequest(Request):
         | None
     ) = None
     keep_truncated: bool = False
+    coast_s: Annotated[
+        float, Field(ge=0.0, le=1e6, description="Gaps up to this long are filled with predictions, marked as such.")
+    ] = 0.0
 
     @model_validator(mode="after")
     def _some_part(self) -> TrackRequest:

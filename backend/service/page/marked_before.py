@@ -24,7 +24,8 @@ def marked_before(
     bed = request["bed"] if isinstance(request["bed"], dict) else {"marks": request["bed"]}
     points = dict(given["points"])
     made: dict[str, Any] = {**given, "points": points, "keep": request.get("keep_truncated", False)}
-    if bed.keys() - OWN:
+    by_marker = isinstance(bed.get("marker_height_m"), dict | str)  # more than the view asks for
+    if bed.keys() - OWN or by_marker:
         made["bed_file"] = {key: value for key, value in bed.items() if key != "camera"}
     if marks := bed.get("marks"):
         points["marks"] = [{**_places(mark), "x_px": mark["x_px"], "y_px": mark["y_px"]} for mark in marks]
