@@ -100,4 +100,5 @@ def _edges(parts: Mapping[str, CadPart]) -> dict[str, list[Float[np.ndarray, "3 
 
 def _along(edge: cq.Edge) -> Float[np.ndarray, "3 n"]:
     count = 2 if edge.geomType() == "LINE" else POINTS
-    return np.array([point.toTuple() for point in edge.positions(np.linspace(0.0, 1.0, count))]).T
+    points = edge.positions(np.linspace(0.0, 1.0, count))  # pyright: ignore[reportAttributeAccessIssue]
+    return np.array([[point.x, point.y, point.z] for point in points], float).T

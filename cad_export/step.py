@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cadquery as cq
 from OCP.IFSelect import IFSelect_RetDone  # pyright: ignore[reportAttributeAccessIssue]
@@ -75,7 +76,7 @@ def _document(path: Path) -> TDocStd_Document:
 Leaf = tuple[tuple[str, ...], cq.Location, cq.Shape]
 
 
-def _leaves(tree, labels: TDF_LabelSequence, names: tuple[str, ...], location: cq.Location) -> Iterator[Leaf]:
+def _leaves(tree: Any, labels: TDF_LabelSequence, names: tuple[str, ...], location: cq.Location) -> Iterator[Leaf]:
     """Names from the root down, absolute place and shape of all that is no assembly, where it holds a solid."""
     for label in labels:
         referred = TDF_Label()
@@ -101,14 +102,15 @@ def _numbered(leaves: Iterator[Leaf], lost: list[str]) -> Iterator[Leaf]:
     alike: dict[tuple[str, ...], list[str]] = {}
     for names, location, shape in found:
         # CadQuery writes a part as an assembly of one, NAME/NAME_part or NAME/NAME.
-        if len(names) > 1 and names[-1] in (names[-2], f"{names[-2]}_part"):
-            names = names[:-1]
+        *above, last = names
+        if above and last in (above[-1], f"{above[-1]}_part"):
+            *above, last = above
+        names = (*above, "" if NO_NAME.fullmatch(last) else last)
         clean = tuple("part" if NO_NAME.fullmatch(name) else name.replace("/", "_") for name in names)
         numbers = (clean, *((*clean[:-1], f"{clean[-1]}-{number}") for number in range(2, len(found) + 2)))
         free = next(name for name in numbers if name not in taken)
         taken.add(free)
-        called = names if not NO_NAME.fullmatch(names[-1]) else (*names[:-1], "")
-        alike.setdefault(called, []).append("/".join(free))
+        alike.setdefault(names, []).append("/".join(free))
         yield free, location, shape
     for names, given in alike.items():
         if not names[-1]:

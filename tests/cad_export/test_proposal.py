@@ -8,7 +8,10 @@ from cad_export import Drawing, bar, cylinder
 from cad_export.picture import proposal_svg
 from cad_export.script import draw
 
-SAMPLES = {"fourbar": set(), "bennett": set(), "double_pendulum": set(), "scissor": {"guide"}, "slider_crank": {"rail"}}
+SAMPLES = {
+    "pendulum": set(), "double_pendulum": set(), "fourbar": set(), "bennett": set(), "scissor": {"guide"},
+    "slider_crank": {"rail"},
+}  # fmt: skip
 BLOCK = cq.Workplane().box(30, 30, 10)
 
 
@@ -79,6 +82,12 @@ def test_what_the_cylinders_say_beyond_a_pin_that_turns(pins, holes, type, remar
     (one,) = two(pins, holes).propose()
     assert one.type == type
     assert remark in one.remark
+
+
+def test_a_pin_that_leans_is_proposed_but_not_confirmed():
+    drawing = two(rod(8, (0, 0), tilt_deg=0.3), plate(8.4, (0, 0)))
+    with pytest.raises(DrawingError, match=r'joint "base-arm".*0\.3° apart'):
+        drawing.confirm("base-arm")
 
 
 @pytest.mark.parametrize(
