@@ -106,6 +106,7 @@ def run(settings: Settings, folder: Path, clients: int, uploads: int, real: bool
         for thread in threads:
             thread.join()
         wall_s = time.perf_counter() - began
+        print("failures:", failures or "none", flush=True)  # first: of a service that is gone nothing else can be asked
         told = [served.job(job) for job in stored.values()]
         states = [job["state"] for job in told]
         total = served.client.get("/api/v1/mechanisms").json()["total"]
@@ -124,7 +125,6 @@ def run(settings: Settings, folder: Path, clients: int, uploads: int, real: bool
         else:
             ends = [served.ledger("end", job) for job in stored.values()]
             print(f"each done once: {ends.count(1)}; more than once: {sum(end > 1 for end in ends)}")
-        print("failures:", failures or "none")
 
 
 def main() -> None:

@@ -8,11 +8,21 @@ if TYPE_CHECKING:
     from cad_export.axis import Axis, cylinder
     from cad_export.drawing import Drawing
     from cad_export.flat_bar import bar
-    from cad_export.script import export_script
+    from cad_export.script import draw, export_script
+    from cad_export.starter import begin, propose
 
-__all__ = ["Axis", "Drawing", "bar", "cylinder", "export_script"]
+__all__ = ["Axis", "Drawing", "bar", "begin", "cylinder", "draw", "export_script", "propose"]
 
-_HOMES = {"Axis": "axis", "cylinder": "axis", "bar": "flat_bar", "Drawing": "drawing", "export_script": "script"}
+_HOMES = {
+    "Axis": "axis",
+    "cylinder": "axis",
+    "bar": "flat_bar",
+    "Drawing": "drawing",
+    "draw": "script",
+    "export_script": "script",
+    "begin": "starter",
+    "propose": "starter",
+}
 
 
 def __getattr__(name: str) -> Any:

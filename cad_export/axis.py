@@ -108,7 +108,7 @@ def cylinder(shape: cq.Workplane | cq.Shape, through_mm: Sequence[float], diamet
     point = np.array(through_mm, float)
     found: list[tuple[str, cq.Face]] = []
     others: list[str] = []
-    for axis, drawn, face in _full_cylinders(solid):
+    for axis, drawn, face in full_cylinders(solid):
         offset_mm = float(np.linalg.norm(np.cross(axis.direction, point - axis.point_mm)))
         words = f"{drawn.sense} {drawn.diameter_mm:g} mm"
         if offset_mm < SAME_MM and (diameter_mm is None or abs(drawn.diameter_mm - diameter_mm) < SAME_MM):
@@ -127,7 +127,7 @@ def cylinder(shape: cq.Workplane | cq.Shape, through_mm: Sequence[float], diamet
     return found[0][1]
 
 
-def _full_cylinders(solid: cq.Shape) -> Iterator[tuple[Axis, Cylinder, cq.Face]]:
+def full_cylinders(solid: cq.Shape) -> Iterator[tuple[Axis, Cylinder, cq.Face]]:
     """Pins and holes, one face of each; fillets, slots and rounded ends go only part of the way round."""
     sweeps: dict[tuple[float | str, ...], float] = {}
     first: dict[tuple[float | str, ...], tuple[Axis, Cylinder, cq.Face]] = {}

@@ -19,7 +19,9 @@ from cad_export.joints import DrawnJoint, joint_between, weld
 from cad_export.mass import MassProperties, check_density, combined, mass_properties, overlap_fault
 from cad_export.meshes import Meshes
 from cad_export.placement import Placement, metres
+from cad_export.proposal import Proposal, proposals
 from cad_export.provenance import provenance
+from cad_export.step import ALWAYS_LOST, read_step
 
 STEEL_KG_PER_M3 = 7850.0  # what cq.Material assumes when it is given a name alone
 STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
@@ -52,6 +54,7 @@ class Drawing:
         given = "mechanism" if GENERATED_NAME.fullmatch(assembly.name) else assembly.name
         self.name = name or given
         self.parts = parts_of(assembly)
+        self.lost: tuple[str, ...] = ()  # what a STEP file did not bring along
         self._gravity = [float(g) for g in gravity_m_per_s2]
         self._grounded: set[str] = set()
         self._leader = {path: path for path in self.parts}  # of the rigid body that a part belongs to
@@ -62,6 +65,16 @@ class Drawing:
         self._effects: list[dict[str, Any]] = []
         self._markers: list[tuple[str, CadPart, np.ndarray]] = []
         self._masses: dict[Any, MassProperties] = {}
+
+    @classmethod
+    def from_step(
+        cls, path: str | Path, name: str | None = None, gravity_m_per_s2: Sequence[float] = STANDARD_GRAVITY
+    ) -> Drawing:
+        """A drawing on the parts of a STEP file; what the file lost stands among the mechanism's warnings."""
+        read = read_step(path)
+        drawing = cls(read.assembly, name, gravity_m_per_s2)
+        drawing.lost = read.lost
+        return drawing
 
     def ground(self, *parts: str) -> None:
         """These parts stand still in the world."""
@@ -125,6 +138,40 @@ class Drawing:
         """part_b is welded to part_a as it stands: a joint with reactions, where `rigid` makes one body."""
         a, b = self._part(part_a), self._part(part_b)
         self._add_joint(id, "fixed", part_a, part_b, weld(a.X_WP, b.X_WP), None, 1.0)
+
+    def propose(self) -> list[Proposal]:
+        """Joints that pins in holes suggest, with their play; what is declared already is marked, and wins."""
+        declared = {
+            frozenset((joint["body_a"], joint["body_b"])): (joint["id"], joint["type"]) for joint in self._joints
+        }
+        return proposals(self.parts, self._leader, declared)
+
+    def confirm(self, proposed: str, id: str | None = None, *, drawn_at_deg: float = 0.0) -> None:
+        """Declare a proposed joint, under a name of its own if one is given.
+
+        drawn_at_deg: q of a revolute joint in the drawn pose. To override a proposal, declare the joint instead.
+        """
+        found = {one.id: one for one in self.propose()}
+        if proposed not in found:
+            raise DrawingError(f'joint "{proposed}" is not among the {len(found)} proposed. {known(found)}')
+        one = found[proposed]
+        if one.declared:
+            raise DrawingError(
+                f'joint "{proposed}" is drawn already, as {one.declared[1]} "{one.declared[0]}"; leave out one of both'
+            )
+        match one.type:
+            case "revolute":
+                self.revolute(id or proposed, one.part_a, one.part_b, one.axis_a, one.axis_b, drawn_at_deg=drawn_at_deg)
+            case "prismatic":
+                self.prismatic(id or proposed, one.part_a, one.part_b, one.axis_a)  # q is 0 as drawn
+            case "fixed":
+                self.fixed(id or proposed, one.part_a, one.part_b)
+
+    def confirm_all(self) -> None:
+        """Declare every proposed joint that nothing declared stands in the place of."""
+        for one in self.propose():
+            if not one.declared:
+                self.confirm(one.id)
 
     def marker(self, id: str, part: str, point_mm: Sequence[float]) -> None:
         """A point of a part that a camera can follow."""
@@ -265,7 +312,7 @@ class Drawing:
             "schema_version": "1.0",
             "name": self.name,
             "gravity_m_per_s2": self._gravity,
-            "provenance": provenance([*self._warnings, *self._material_warnings()]),
+            "provenance": provenance([*self._losses(), *self._warnings, *self._material_warnings()]),
             "bodies": [self._body(path, meshes) for path in self.parts if self._leader[path] == path],
             "joints": self._joints,
             "effects": self._effects,
@@ -285,6 +332,13 @@ class Drawing:
             entry["inertial"] = self._inertial(members, densities).json()
         entry["meshes"] = [meshes.of(part, self._in_body(part)) for part in members]
         return entry
+
+    def _losses(self) -> list[str]:
+        own = [what for what in self.lost if what not in ALWAYS_LOST]
+        told = (
+            ["read from STEP, which holds no joints, densities or settings: they are the script's"] if self.lost else []
+        )
+        return told + [f"lost in STEP: {what}" for what in own]
 
     def _material_warnings(self) -> list[str]:
         return [

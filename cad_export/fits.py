@@ -62,7 +62,7 @@ def fit_between(id: str, a: Axis, b: Axis | None) -> Fit | None:
             f'joint "{id}": pin {pin_mm:g} mm is thicker than its hole {hole_mm:g} mm by {pin_mm - hole_mm:.4g} mm; '
             "a press fit is a fixed joint, otherwise widen the hole"
         )
-    return Fit(pin_mm, hole_mm, _overlap(pin, hole))
+    return Fit(pin_mm, hole_mm, overlap(pin, hole))
 
 
 def check_bearing(id: str, fit: Fit) -> None:
@@ -74,7 +74,7 @@ def check_bearing(id: str, fit: Fit) -> None:
         )
 
 
-def _overlap(a: Axis, b: Axis) -> float:
+def overlap(a: Axis, b: Axis) -> float:
     """Length that both cover along a; negative when they are apart [mm]."""
     low_a, high_a = a.span_mm or (0.0, 0.0)
     shift = float(np.dot(np.asarray(b.point_mm) - np.asarray(a.point_mm), a.direction))

@@ -1,4 +1,4 @@
-"""From a CadQuery script to a drawing."""
+"""From a CadQuery script or a STEP file to a drawing."""
 
 from __future__ import annotations
 
@@ -12,11 +12,16 @@ from backend.commands.terminal import AsJson, Out, answering, progress
 
 
 def export(
-    script: Annotated[Path, typer.Argument(help="CadQuery script.", exists=True, dir_okay=False)],
+    script: Annotated[
+        Path, typer.Argument(help="CadQuery script, or a STEP file to begin one with.", exists=True, dir_okay=False)
+    ],
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="Set a value of the script; repeatable."),
     ] = None,
+    proposing: Annotated[
+        bool, typer.Option("--propose", help="Write no mechanism, but what joints its pins and holes suggest.")
+    ] = False,
     upload: Annotated[
         str | None, typer.Option(metavar="URL", help="Hand it to a linktwin service too, and say where it is shown.")
     ] = None,
@@ -24,8 +29,11 @@ def export(
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run a CadQuery script and write its mechanism.json and meshes."""
+    """Run a CadQuery script and write its mechanism.json and meshes; of a STEP file, a script and a picture."""
     chosen = _settings(settings or [])
+    if script.suffix.lower() in (".step", ".stp"):
+        _begin(script, out or Path("out") / script.stem, bool(chosen) or upload is not None, as_json)
+        return
     with answering(as_json) as answer:
         from backend.mechanism.check import check_json, check_text
         from backend.mechanism.graph import describe
@@ -33,6 +41,12 @@ def export(
         from cad_export import export_script
 
         folder = out or Path("out") / script.resolve().parent.name
+        if proposing:
+            from cad_export import draw, propose
+
+            begun = propose(draw(script, chosen), folder)
+            answer(begun.json(), begun.text())
+            return
         path = Path(export_script(script, folder, chosen))
         report = describe(read_mechanism(path))
         told, text = {"mechanism": str(path), **check_json(report)}, f"{check_text(report)}\nwrote     {path}"
@@ -41,6 +55,19 @@ def export(
                 told["page"] = there.page(there.store_mechanism(path, sent=lambda part: advance(part)))
             text += f"\nopen      {told['page']}"
         answer(told, text)
+
+
+def _begin(step: Path, folder: Path, more: bool, as_json: bool) -> None:
+    """A script to correct, and a picture of the joints in it."""
+    if more:
+        raise typer.BadParameter(
+            "a STEP file becomes a script first; give --set and --upload with that", param_hint="--set"
+        )
+    with answering(as_json) as answer:
+        from cad_export import begin
+
+        begun = begin(step, folder)
+        answer(begun.json(), begun.text())
 
 
 def _settings(pairs: list[str]) -> dict[str, str]:
