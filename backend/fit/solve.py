@@ -203,7 +203,9 @@ class _Quadratic:
     @classmethod
     def of(cls, J: Float[np.ndarray, "n p"], r: Float[np.ndarray, " n"]) -> _Quadratic:
         Q, R = np.linalg.qr(J)
-        return cls(R.T @ (Q.T @ r), R, Q.T @ r, np.linalg.norm(R, axis=0))
+        # Slopes of a lost motion reach 1e200, whose square is no number; powers of two leave every digit.
+        size = np.exp2(np.frexp(np.max(np.abs(R), axis=0))[1])
+        return cls(R.T @ (Q.T @ r), R, Q.T @ r, size * np.linalg.norm(R / size, axis=0))
 
     def with_gradient(self, gradient: Vector) -> _Quadratic | None:
         """The same curvature where the gradient is another, None where there is none; what R hardly sees is left to

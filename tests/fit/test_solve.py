@@ -89,6 +89,14 @@ def test_a_step_into_the_unsimulable_is_refused_not_fatal():
     assert found.x[0] == pytest.approx(1.9, abs=1e-4)
 
 
+def test_slopes_of_an_exploding_motion_end_a_search_and_not_the_program():
+    # One number's slope is beyond what can be squared; the other's is as ever.
+    wild = problem(lambda x: np.array([x[0] - 2.0, x[0] - 2.0]), lambda x: np.array([[1.0, 1e200], [1.0, -1e200]]),
+                   (-np.inf, -np.inf), (np.inf, np.inf))  # fmt: skip
+    found = solve(wild, np.array([0.0, 0.0]))
+    assert found.x[0] == pytest.approx(2.0, abs=1e-6)
+
+
 def test_a_start_that_cannot_be_simulated_says_so():
     found = solve(problem(lambda x: x * np.nan, lambda x: np.eye(1), [0], [1]), np.array([0.5]))
     assert not found.converged
