@@ -28,7 +28,7 @@ from backend.diagnose.unknown import laws_of
 
 ROUNDS = 60  # of τ at one s
 SETTLED = 1e-4  # relative change of τ²
-RIDGE = 1e-13  # of what is determined of a number: terms may do the same
+RIDGE = 1e-13  # of what the data say of a number: terms may do the same
 BEYOND = 1e-4  # of a term's square, that the fit's own slopes must leave: what does the same is the cause itself
 
 
@@ -63,7 +63,8 @@ def apart(
     precision, pull: of the unknowns' prior, and its gradient there.
     """
     A = np.concatenate([J, _beyond(J, L)], 1)
-    unit = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    unit = np.linalg.norm(A, axis=0)
+    unit[unit == 0.0] = 1.0  # a number that moves nothing keeps its prior
     terms = np.zeros(A.shape[1] - J.shape[1])
     A, drawn = A / unit, np.concatenate([pull, terms]) / unit
     G, b = A.T @ A, A.T @ r
@@ -103,7 +104,7 @@ def _reading(r, A, G, b, pull, precision, tau2: float) -> _Reading:
 
     def at(tau2: float) -> tuple[_Reading, float]:
         H = G / tau2 + np.diag(precision)
-        H[np.diag_indices_from(H)] *= 1.0 + RIDGE
+        H[np.diag_indices_from(H)] += RIDGE / tau2
         C = np.linalg.inv(H)
         step = C @ (b / tau2 - pull)
         left = float(np.sum((r - A @ step) ** 2))

@@ -101,3 +101,14 @@ def test_of_a_right_form_nothing_is_added():
     r = rng.standard_normal(SAMPLES)
     r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
     assert np.all(apart(r, J, L, np.zeros(3), np.zeros(3), [slice(0, SAMPLES)]) < 2.0 * noise)
+
+
+def test_a_number_that_moves_nothing_keeps_what_was_believed_of_it():
+    rng = np.random.default_rng(4)
+    J, L = rng.standard_normal((200, 3)), rng.standard_normal((200, 5))
+    J[:, 1:] = 0.0
+    r = rng.standard_normal(200)
+    sd = apart(r, J, L, np.array([0.0, 0.25, 0.0]), np.zeros(3), [slice(0, 200)])
+    assert sd[0] < 0.2
+    assert sd[1] == pytest.approx(2.0, rel=0.1)  # of its prior; the last has none, and the data say nothing
+    assert sd[2] > 1e4
