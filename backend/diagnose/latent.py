@@ -61,14 +61,19 @@ def forces(subject: Subject, fitted: Fitted, within: float = ALIKE) -> list[Floa
 def responses(subject: Subject, fitted: Fitted, raw: Sequence[np.ndarray] | None = None) -> Latent:
     """Responses about a fitted motion. raw: of the forces, where they are known from a motion alike."""
     seer = Seer(subject, fitted.probes, fitted.fraction)
-    made = [white(slopes) for white, slopes in zip(seer.white, raw or forces(subject, fitted), strict=True)]
-    places: dict[str, np.ndarray] = {}
-    for j, id in enumerate(subject.joints):
-        places[f"joint:{id}"] = _blocks(seer.count, seer.rows, [m[:, j] for m in made])
+    places = force_responses(subject, seer, raw or forces(subject, fitted))
     places |= _shifts(subject, fitted, seer)
     places = {k: L[:, np.linalg.norm(L, axis=0) > 1e-9 * max(np.linalg.norm(L), 1e-300)] for k, L in places.items()}
     places = {k: L for k, L in places.items() if L.shape[1]}
     return Latent(places, {k: 1.0 / float(np.median(np.linalg.norm(L, axis=0))) for k, L in places.items()})
+
+
+def force_responses(subject: Subject, seer: Seer, raw: Sequence[np.ndarray]) -> dict[str, Float[np.ndarray, "n bumps"]]:
+    """Whitened responses to bumps of force at each joint, by place."""
+    made = [white(slopes) for white, slopes in zip(seer.white, raw, strict=True)]
+    return {
+        f"joint:{id}": _blocks(seer.count, seer.rows, [m[:, j] for m in made]) for j, id in enumerate(subject.joints)
+    }
 
 
 def markers_and_axes(fitted: Fitted) -> tuple[list[str], list[str]]:

@@ -60,7 +60,8 @@ def make_report(
     left = 1.0 - none - unknown
     shown = np.array([chances[i] for i in range(len(listed))])
     shown = shown * (left / shown.sum()) if shown.size and shown.sum() > 0 else shown
-    sds = [_deviations(c, verdict, scale, softness) for c in listed]
+    standing = reported if verdict != "none" else set()
+    sds = [_deviations(c, i in standing, scale, softness) for i, c in enumerate(listed)]
     causes = [
         CauseSet(
             effects=_effects(c, sds[i]), probability=float(q), log_evidence=float(c.log_z),
@@ -116,9 +117,10 @@ def _chances(verdict: Verdict, belief: Belief, shrunk: Shrinkage | None) -> tupl
     return min(belief.none, 0.5), max(belief.unknown, 0.005), belief.probability
 
 
-def _deviations(cause: Cause, verdict: Verdict, scale: float, softness: float) -> np.ndarray:
-    none = verdict == "none"
-    return deviations_of_noise(scaled(cause.fitted, scale)) if none else deviations(cause.fitted, scale, softness)
+def _deviations(cause: Cause, standing: bool, scale: float, softness: float) -> np.ndarray:
+    """standing: a cause that the data leave standing beside the first; of the others nobody needs more than noise."""
+    own = scaled(cause.fitted, scale / np.sqrt(softness))
+    return deviations(cause.fitted, scale, softness) if standing else deviations_of_noise(own)
 
 
 def _effects(cause: Cause, sd: np.ndarray) -> list[CauseEffect]:

@@ -6,10 +6,10 @@ tells what the wrong form leaves open (Hausman 1978), beside what the second one
 
     r ~ N(J x + L a, τ²/ν I),  a ~ N(0, s² I)
 
-L a is the discrepancy of Kennedy and O'Hagan (2001), once a force and a shift against time at every place, once a law
-of a few terms there; s and τ are those of the largest evidence (MacKay 1992), ν the share of independent samples in
-what is left.  The wider of both counts: forces against time do not see a law that goes with the cause's own, and a law
-does not see what follows none.
+L a is the discrepancy of Kennedy and O'Hagan (2001), once a force against time at every joint, once a law of a few
+terms there and in the picture; s and τ are those of the largest evidence (MacKay 1992), ν the share of independent
+samples in what is left.  The wider of both counts: forces against time do not see a law that goes with the cause's own,
+and a law does not see what follows none.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.diagnose.adequacy import scaled
-from backend.diagnose.fitted import Fitted
-from backend.diagnose.latent import SIZES, forces, responses
+from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.latent import SIZES, force_responses, forces
 from backend.diagnose.softness import independent
 from backend.diagnose.unknown import laws_of
 
@@ -122,10 +122,11 @@ def _reading(r, A, G, b, pull, precision, tau2: float) -> _Reading:
 
 
 def _hidden(fitted: Fitted) -> list[Float[np.ndarray, "n terms"]]:
-    """What a wrong form may hide, about the fit's motion: forces and shifts against time; laws of a few terms."""
+    """What a wrong form may hide, about the fit's motion: forces against time; laws of a few terms."""
     raw = forces(fitted.subject, fitted)
-    latent = responses(fitted.subject, fitted, raw)
+    seer = Seer(fitted.subject, fitted.probes, fitted.fraction)
+    pushes = force_responses(fitted.subject, seer, raw).values()
     laws = [L for forms in laws_of(fitted, raw).values() for few, L in forms if few]
-    norm = [L / np.maximum(np.linalg.norm(L, axis=0), 1e-300) for L in laws]
-    ways = [[latent.scaled(place) for place in latent.places], norm]
+    ways = [[L / max(float(np.median(np.linalg.norm(L, axis=0))), 1e-300) for L in pushes]]
+    ways += [[L / np.maximum(np.linalg.norm(L, axis=0), 1e-300) for L in laws]]
     return [np.concatenate(way, 1) for way in ways if way]
