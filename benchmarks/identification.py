@@ -47,7 +47,7 @@ FORMS = {
     "contact": ("clearance:play.radial_m", "clearance:play.friction_coefficient"),
     "viscous": ("clearance:play.radial_m", "viscous_friction:drag.damping_n_m_s_per_rad"),
 }
-WALLS = ("clearance:play.stiffness_n_per_m", "clearance:play.restitution")  # free too where walls are soft
+WALLS = ("clearance:play.stiffness_n_per_m", "clearance:play.restitution")
 # What the fit of the table "wrong" is not told: it knows rigid walls without friction that give nothing back.
 SOFT, BOUNCING, RUBBING = ("stiffness_n_per_m", 2e5), ("restitution", 0.8), ("friction_coefficient", 0.1)
 UNTOLD = (
@@ -84,8 +84,8 @@ class Case:
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Play and friction; the walls too where they are soft: what those give back nobody knows."""
-        return FORMS[self.form] + (WALLS if self.stiffness_n_per_m else ())
+        """Play and friction; of one pin on a soft wall the wall too: what that gives back nobody knows."""
+        return FORMS[self.form] + (WALLS if self.stiffness_n_per_m and self.loose != "all" else ())
 
 
 def drawn(
