@@ -15,6 +15,10 @@ FEW = frozenset({"clearance", "joint_stop", "link_flexibility", "pin_friction"})
 RUB = 0.02  # N m, 2% of m g L
 GIVES = 4e-3  # rad
 
+pytestmark = pytest.mark.timeout(
+    900
+)  # each compiles several programs: two minutes of two free cores, five of shared ones
+
 
 @pytest.fixture(scope="module")
 def drawing():
