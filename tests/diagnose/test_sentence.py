@@ -20,9 +20,10 @@ def cause(*on: str, rms: float, fraction: float = 1.0) -> Any:
 @pytest.fixture(autouse=True)
 def stubs(monkeypatch):
     monkeypatch.setattr(module, "_rms", lambda subject, fitted, scale: (fitted.rms, 1.0))
+    monkeypatch.setattr(module, "deviations_of_noise", lambda fitted: None)
     monkeypatch.setattr(
         module, "_effects",
-        lambda c, scale, soft: [CauseEffect(kind="air_drag", on=m.on, parameters={}) for m in c.candidates],
+        lambda c, sd: [CauseEffect(kind="air_drag", on=m.on, parameters={}) for m in c.candidates],
     )  # fmt: skip
 
 
