@@ -9,6 +9,7 @@ import numpy as np
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import Belief
 from backend.diagnose.fitted import Fitted
+from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage
 from backend.diagnose.subject import Subject
@@ -75,10 +76,10 @@ def make_report(
     weighed = Belief(tuple(listed), shown, belief.log_z[: len(listed)], none, unknown)
     fitted_gap = _fit_remainder(subject, baseline, best, scale)
     named = listed and verdict not in ("none", "unknown")
-    mostly = _mostly(subject, baseline, listed[0], tried, scale) if named else ""
+    ladder = _ladder(subject, baseline, listed[0], tried, scale) if named else ""
     return GapReport(
         verdict=verdict,
-        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported), unknown) + mostly,
+        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported), unknown) + ladder,
         where=Where(
             locations=locations(weighed, model_free) if verdict != "none" else [],
             phases=missing.phases() if missing and verdict != "none" else [],
@@ -100,6 +101,7 @@ def make_report(
 
 
 MOST = 0.5  # of a gap: a member of a set that alone explains so much is said to
+ALMOST_ALL = 0.999  # of a gap: what comes after is not told
 APPROXIMATE_UNKNOWN = 0.3  # what is missing besides a form that removes most of the gap
 AT_LEAST_UNKNOWN = 0.9
 
@@ -164,25 +166,31 @@ def _rms(subject: Subject, fitted: Fitted, scale: float) -> tuple[float, float]:
     return float(np.sqrt(miss / max(count, 1))), float(np.sqrt(noise / max(count, 1)))
 
 
-def _mostly(
+def _ladder(
     subject: Subject, baseline: Cause, best: Cause, tried: Mapping[tuple[str, ...], Cause], scale: float
 ) -> str:
-    """Where one member of a set does most of what the set does: which, and how much of the fitted gap."""
-    if len(best.candidates) < 2:
-        return ""
-    effects = zip(best.candidates, _effects(best, deviations_of_noise(best.fitted)), strict=True)
-    alone = [(tried[c.name,].fitted, effect) for c, effect in effects if (c.name,) in tried]
-    whole = [(made, effect) for made, effect in alone if made.fraction == best.fitted.fraction == 1.0]
-    if not whole:
-        return ""
-    made, effect = min(whole, key=lambda one: one[0].chi2)
+    """Which member of a set does most of what the set does, which comes next, and how much of the fitted gap each sum
+    of them explains, as far as their sets were tried.
+    """
     before, noise = _rms(subject, baseline.fitted, scale)
-    after, _ = _rms(subject, made, scale)
-    share = (before**2 - after**2) / max(before**2 - noise**2, 1e-300)
-    if share < MOST:
-        return ""
-    name, much = _named(effect), "more than 99.9%" if share > 0.999 else f"{100 * share:.1f}%"
-    return f" {name[0].upper()}{name[1:]} alone explains {much} of the fitted gap."
+    named: list[Candidate] = []
+    steps: list[str] = []
+    while len(named) < len(best.candidates) - 1:
+        larger = [[*named, c] for c in best.candidates if all(c is not other for other in named)]
+        sets = [(s, made) for s in larger if (made := tried.get(tuple(sorted(c.name for c in s)))) is not None]
+        whole = [(s, made.fitted) for s, made in sets if made.fitted.fraction == best.fitted.fraction == 1.0]
+        if not whole:
+            break
+        named, made = min(whole, key=lambda one: one[1].chi2)
+        share = (before**2 - _rms(subject, made, scale)[0] ** 2) / max(before**2 - noise**2, 1e-300)
+        if not steps and share < MOST:
+            break
+        much = "more than 99.9%" if share > ALMOST_ALL else f"{100 * share:.1f}%"
+        name = _named(named[-1])
+        steps.append(f"with {name} {much}" if steps else f" {name[0].upper()}{name[1:]} alone explains {much}")
+        if share > ALMOST_ALL:
+            break
+    return f"{steps[0]} of the fitted gap{''.join(f', {step}' for step in steps[1:])}." if steps else ""
 
 
 def _held_out(shrunk: Shrinkage | None) -> HeldOut | None:
@@ -230,7 +238,7 @@ def _sentence(
     return f"Something real is missing from the drawing{where}, and no effect of the library explains it."
 
 
-def _named(effect: CauseEffect) -> str:
+def _named(effect: CauseEffect | Candidate) -> str:
     on = list(effect.on) if not isinstance(effect.on, str) else [effect.on]
     place = on[0] if len(on) == 1 else f"all of {', '.join(on[:4])}{'...' if len(on) > 4 else ''}"
     return f"{effect.kind.replace('_', ' ')} at {place}"

@@ -1,4 +1,4 @@
-"""What a verdict's sentence says of a set: which member does most of it alone."""
+"""What a verdict's sentence says of a set: which member does most of it alone, and what the next ones add."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -6,11 +6,10 @@ from typing import Any
 import pytest
 
 from backend.diagnose import verdict as module
-from backend.mechanism.gap_report import CauseEffect
 
 
 def cause(*on: str, rms: float, fraction: float = 1.0) -> Any:
-    members = tuple(SimpleNamespace(name=f"air_drag:{place}", on=(place,)) for place in on)
+    members = tuple(SimpleNamespace(name=f"air_drag:{place}", kind="air_drag", on=(place,)) for place in on)
     return SimpleNamespace(
         names=tuple(m.name for m in members), candidates=members,
         fitted=SimpleNamespace(chi2=rms**2, fraction=fraction, rms=rms),
@@ -20,17 +19,12 @@ def cause(*on: str, rms: float, fraction: float = 1.0) -> Any:
 @pytest.fixture(autouse=True)
 def stubs(monkeypatch):
     monkeypatch.setattr(module, "_rms", lambda subject, fitted, scale: (fitted.rms, 1.0))
-    monkeypatch.setattr(module, "deviations_of_noise", lambda fitted: None)
-    monkeypatch.setattr(
-        module, "_effects",
-        lambda c, sd: [CauseEffect(kind="air_drag", on=m.on, parameters={}) for m in c.candidates],
-    )  # fmt: skip
 
 
-def said(*singles: Any) -> str:
+def said(*tried: Any, best: Any = None) -> str:
     subject: Any = None
-    best, baseline = cause("Arm", "tip", rms=1.0), cause(rms=10.0)
-    return module._mostly(subject, baseline, best, {s.names: s for s in singles}, 1.0)
+    best, baseline = best or cause("Arm", "tip", rms=1.0), cause(rms=10.0)
+    return module._ladder(subject, baseline, best, {made.names: made for made in tried}, 1.0)
 
 
 def test_the_member_that_does_most_of_a_set_is_named_with_its_share_of_the_gap():
@@ -44,3 +38,12 @@ def test_nothing_is_said_where_no_member_does_most_or_follows_whole_records():
     assert said(cause("Arm", rms=8.0), cause("tip", rms=9.0)) == ""
     assert said(cause("Arm", rms=2.0, fraction=0.5)) == ""
     assert said() == ""
+
+
+def test_what_the_next_member_adds_is_said_as_far_as_sets_were_tried():
+    whole = cause("Arm", "base", "tip", rms=1.0)
+    first, second = cause("Arm", rms=5.0), cause("Arm", "tip", rms=2.0)
+    shares = [100.0 * (10.0**2 - rms**2) / (10.0**2 - 1.0**2) for rms in (5.0, 2.0)]
+    alone = f" Air drag at Arm alone explains {shares[0]:.1f}% of the fitted gap"
+    assert said(first, second, best=whole) == f"{alone}, with air drag at tip {shares[1]:.1f}%."
+    assert said(first, cause("base", "tip", rms=1.5), best=whole) == f"{alone}."
