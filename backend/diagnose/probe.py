@@ -22,6 +22,7 @@ from backend.simulate.record import Record
 from backend.simulate.shelf import shelved
 
 AT_ONCE = 4  # directions: an effect, or two, with the start; the motion itself costs as much as three
+PER_BUMP = 8  # places of a joint looked at, for each bump in time
 
 
 @shelved("addresses")
@@ -127,7 +128,7 @@ class Probe(Run):
         """q of every joint along the motion, at even times, through the program that predicts samples."""
         room = self.setting.column.size
         joints = len(self.model.topology.joint_ids)
-        times = max(min(60, room // joints), 2)
+        times = max(min(PER_BUMP * self.bumps.shape[1], room // joints), 2)
         column, since = np.zeros(room, int), np.zeros(room)
         column[: times * joints] = np.tile(np.arange(joints), times)
         since[: times * joints] = np.repeat(np.linspace(0.0, self.duration_s, times), joints)
