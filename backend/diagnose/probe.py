@@ -22,7 +22,7 @@ from backend.simulate.record import Record
 from backend.simulate.shelf import shelved
 
 AT_ONCE = 4  # directions: an effect, or two, with the start; the motion itself costs as much as three
-PER_BUMP = 8  # places of a joint looked at, for each bump in time
+PER_BUMP = 8  # places of a joint looked at, for each bump in time: fewer lose what a force of its speed does in one
 
 
 @shelved("addresses")

@@ -172,13 +172,15 @@ def _ladder(
     """Which member of a set does most of what the set does, which comes next, and how much of the fitted gap each sum
     of them explains, as far as their sets were tried.
     """
+    if len(best.candidates) < 2 or best.fitted.fraction < 1.0:
+        return ""
     before, noise = _rms(subject, baseline.fitted, scale)
     named: list[Candidate] = []
     steps: list[str] = []
     while len(named) < len(best.candidates) - 1:
         larger = [[*named, c] for c in best.candidates if all(c is not other for other in named)]
         sets = [(s, made) for s in larger if (made := tried.get(tuple(sorted(c.name for c in s)))) is not None]
-        whole = [(s, made.fitted) for s, made in sets if made.fitted.fraction == best.fitted.fraction == 1.0]
+        whole = [(s, made.fitted) for s, made in sets if made.fitted.fraction == 1.0]
         if not whole:
             break
         named, made = min(whole, key=lambda one: one[1].chi2)
