@@ -3,8 +3,8 @@
 python -m benchmarks.service_load [--clients 50] [--uploads 200] [--real] [--postgres]
 
 Each client stores a drawing, asks for a job on it, looks at lists and files, and waits for its job.  Jobs are stood in
-for (0.2 s of waiting each) unless --real: then they are in turn `simulate` and `jam` of the four-bar, `fit` and
-`diagnose` of the measured pendulum.
+for (0.2 s of waiting each) unless --real: then every tenth is a `diagnose` of the measured pendulum, and the others
+are in turn `simulate` and `jam` of the four-bar and `fit` of the pendulum.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def visit(
 
 def wanted(ask: Timed, drawing: str, number: int) -> dict[str, Any]:
     """What the job of that number is."""
-    kind = ("simulate", "jam", "fit", "diagnose")[number % 4]
+    kind = "diagnose" if number % 10 == 9 else ("simulate", "jam", "fit")[number % 3]
     if kind in ("simulate", "jam"):
         return {"kind": kind, "mechanism": drawing, "duration_s": 0.2}
     headers = {"content-type": "application/zip"}

@@ -35,6 +35,7 @@ WORTH = 5.0  # log evidence that another effect must bring at least; more where 
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
+RIVALS = 3  # of a set, whose walls are taken as they come where its own are
 NOTHING = 1e-12  # power, in noise variances a sample
 MOST = 0.5  # and this share where the law of blows would excuse what was left
 
@@ -187,11 +188,20 @@ class Climb:
         return best, last
 
     def _closer(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
-        """The best set with walls as they come, where it is of this family and that makes it likelier."""
+        """The best set with walls as they come, where it is of this family and that makes it likelier. Sets that could
+        come up with it so are asked as well: all pins of one loop stop alike.
+        """
         if search.tried.get(best.names) is not best or (closer := search.closer(best)) is best:
             return best, last
-        self.search.tried[closer.names] = closer
-        return self._judged(closer, search)
+        reach, kinds = best.log_z - (closer.log_z - best.log_z), sorted(c.kind for c in best.candidates)
+        rivals = [
+            c for c in search.tried.values()
+            if c is not closer and sorted(k.kind for k in c.candidates) == kinds
+            and c.fitted.fraction == best.fitted.fraction and c.log_z > reach
+        ]  # fmt: skip
+        found = [closer, *(search.closer(c) for c in sorted(rivals, key=lambda c: -c.log_z)[:RIVALS])]
+        self.search.tried.update({c.names: c for c in found})
+        return self._judged(max(found, key=self._weight), search)
 
     def _joined(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
         """A cause that switches on, with a smooth one beside it where that earns its place. Where the law of blows

@@ -74,10 +74,18 @@ class Fitted:
         return np.where(self.held, 0.0, self.J)
 
     @property
+    def plain(self) -> Bool[np.ndarray, " own"]:
+        """Numbers of a shape that the data press to nothing, as of friction that gives not at all before it slides."""
+        own = slice(self.choice.own)
+        from_nothing = np.array([p.lower == 0.0 for p in self.choice.parameters])[own]
+        nothing = self.values[own] < AT_BOUND * self.choice.prior_sd[own]
+        return self.held[own] & ~self.choice.sizes & from_nothing & nothing
+
+    @property
     def pressed(self) -> bool:
         """Whether the data ask what is there for more than its range: something else may be beside it."""
         own = slice(self.choice.own)
-        return bool(np.any(self.held[own] & (self.values[own] != self.choice.start[own])))
+        return bool(np.any(self.held[own] & ~self.plain & (self.values[own] != self.choice.start[own])))
 
     @property
     def covariance(self) -> np.ndarray:
@@ -211,6 +219,7 @@ class Seer:
 
 
 START_SD = 10.0  # rad or mechanism lengths, and the same for rates: what any start may lie off
+PLAIN = 0.5  # belief that a number of a shape that may be nothing is
 SHARES = 10.0 ** np.linspace(-3.0, 0.5, 8)  # of what an effect's file expects: nobody knows the size of a flaw
 
 
@@ -219,11 +228,15 @@ def log_evidence(fitted: Fitted) -> float:
 
     The sd of a size before any data is any of `SHARES` of what the effect's file expects, each as likely: one for each
     of two effects, a common one for more. A number that cannot be negative has twice the density on half of the line.
+    Of one of a shape that may be nothing, as how far friction gives before it slides, half of the belief is that it is.
     What slopes still promise where the fit ended counts for nothing: where friction sticks, no step brings it.
     """
     few, own = fitted.count, fitted.choice.own
-    shift = fitted.values - fitted.choice.start
-    JJ, Jr, chi2 = fitted.J.T @ fitted.J, fitted.J.T @ fitted.r, fitted.chi2
+    plain = np.zeros(fitted.x.size, bool)
+    plain[:own] = fitted.plain
+    shift = np.where(plain[:few], 0.0, fitted.values - fitted.choice.start)
+    J = np.where(plain, 0.0, fitted.J)
+    JJ, Jr, chi2 = J.T @ J, J.T @ fitted.r, fitted.chi2
     starts = np.full(fitted.x.size - few, START_SD**-2.0)
 
     def towards_best(sd: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -248,4 +261,4 @@ def log_evidence(fitted: Fitted) -> float:
             if p.lower >= p.start:
                 z += float(norm.logcdf((shift[i] + step[i]) / wide[i]) + np.log(2.0))
         found.append(z)
-    return float(logsumexp(found) - np.log(len(found)))
+    return float(logsumexp(found) - np.log(len(found)) + plain.sum() * np.log(PLAIN))

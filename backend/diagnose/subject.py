@@ -21,6 +21,7 @@ from backend.fit.free import FreeParameter
 from backend.fit.prediction import addresses_of
 from backend.mechanism.effect import Effect
 from backend.mechanism.joint import WITHOUT_COORDINATE
+from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.study import Study
 from backend.model.build import build
 from backend.model.model import Address, Model
@@ -75,6 +76,7 @@ class Choice:
 class Subject:
     """Experiments to learn from and to test on. neutral: every parameter of the library as drawn."""
 
+    mechanism: Mechanism
     library: Library
     model: Model
     fit: list[Probe]
@@ -158,12 +160,12 @@ def prepare(
         setting = p.framed(*frame)
         p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))
     if noise is not None:
-        return Subject(library, model, fit, held, *noise, step_s, joints, kept)
+        return Subject(study.mechanism, library, model, fit, held, *noise, step_s, joints, kept)
     every = estimate([p.data for p in (*fit, *held)])
     mine, theirs = (
         Noise(every.sigma[part], every.memory, every.keep[part]) for part in (slice(len(fit)), slice(len(fit), None))
     )
-    return Subject(library, model, fit, held, mine, theirs, step_s, joints, kept)
+    return Subject(study.mechanism, library, model, fit, held, mine, theirs, step_s, joints, kept)
 
 
 def _few_sizes(count: int, floor: int) -> int:

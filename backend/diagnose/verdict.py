@@ -16,6 +16,7 @@ from backend.diagnose.subject import Subject
 from backend.diagnose.where import MissingForce, joint_gaps, locations, marker_gaps
 from backend.diagnose.which import Cause
 from backend.diagnose.wrong_form import deviations, deviations_of_noise
+from backend.fit.guess import guesses
 from backend.mechanism.gap_report import (
     Amount,
     CauseEffect,
@@ -121,8 +122,10 @@ def _chances(verdict: Verdict, belief: Belief, shrunk: Shrinkage | None) -> tupl
 
 def _deviations(cause: Cause, standing: bool, scale: float, softness: float) -> np.ndarray:
     """standing: a cause that the data leave standing beside the first; of the others nobody needs more than noise."""
-    own = scaled(cause.fitted, scale / np.sqrt(softness))
-    return deviations(cause.fitted, scale, softness) if standing else deviations_of_noise(own)
+    fitted = cause.fitted
+    own = scaled(fitted, scale / np.sqrt(softness))
+    sd = deviations(fitted, scale, softness) if standing else deviations_of_noise(own)
+    return np.hypot(sd, guesses(fitted.subject.mechanism, fitted.choice.parameters, fitted.values))
 
 
 def _effects(cause: Cause, sd: np.ndarray) -> list[CauseEffect]:

@@ -44,6 +44,9 @@ class Declaration:
     unstated: float | None = None
     """As far from its default as it may lie where nobody states it, in its unit: intervals of a fit allow for that.
     None: the default is taken at its word."""
+    rests_on: tuple[str, float] | None = None
+    """Another parameter that is guessed while nobody gives it, and the share of this one's value that the guess leaves
+    open (one standard deviation)."""
     tries: tuple[float, ...] = ()
     """Values worth trying, in natural sizes, where nothing says which way to go while the effect is absent; the only
     one is where it stands meanwhile."""

@@ -12,6 +12,7 @@ class GravityTilt(AbstractDrawnError):
 
     kind = "gravity_tilt"
     acts_on = "world"
+    odds = 0.3
     roll_rad: Float[Array, ""] = parameter("rad", "turn of the rig about x", expected=0.02)
     pitch_rad: Float[Array, ""] = parameter("rad", "turn of the rig about y", expected=0.02)
 

@@ -7,6 +7,7 @@ from backend.effects.effect import parameter
 from backend.effects.shapes import AbstractShutter
 
 HEIGHT = 2.0  # extents of the mechanism that a picture is high, where none is given
+GUESS = 0.35  # of that height, one sd: people film from 1.2 to 3 extents high
 
 
 class RollingShutter(AbstractShutter):
@@ -17,7 +18,9 @@ class RollingShutter(AbstractShutter):
 
     kind = "rolling_shutter"
     acts_on = "camera"
-    readout_s: Float[Array, ""] = parameter("s", "from the first row to the last", lower=0.0, expected=0.1)
+    readout_s: Float[Array, ""] = parameter(
+        "s", "from the first row to the last", lower=0.0, expected=0.1, rests_on=("height_m", GUESS)
+    )
     height_m: Float[Array, ""] = parameter(
         "m", "of a picture, at the mechanism; 0: twice the extent of what is drawn", lower=0.0, by_name=True
     )

@@ -20,6 +20,7 @@ from backend.fit.contradiction import contradictions
 from backend.fit.filmed_run import run_of, seen_by
 from backend.fit.fitted_cameras import fitted_cameras
 from backend.fit.free import free_parameters
+from backend.fit.guess import guesses, told
 from backend.fit.identifiability import Profile, Uncertainty, assess, profile_interval
 from backend.fit.loss import LossName
 from backend.fit.pace import Pace, Progress
@@ -141,12 +142,14 @@ def fit_study(
     if solution.converged:
         pace.step("what nobody stated of the walls")
     held = unstated(study, model, freedom.parameters, freedom.added) if solution.converged else []
-    allowed = Allowed(residuals, solution, uncertainty, held)
+    guessed = guesses(study.mechanism, residuals.parameters, solution.x)
+    allowed = Allowed(residuals, solution, uncertainty, held, guessed)
     intervals: dict[str, Profile] = {}
     complete = solution.status != "cancelled"
     warnings = [
         *uncertainty.warnings,
         *allowed.sentences(),
+        *told(study.mechanism, residuals.parameters),
         *contradictions(residuals, solution.x),
         *_misses([*runs, *held_out]),
     ]

@@ -77,11 +77,18 @@ def unstated(study: Study, model: Model, free: Sequence[FreeParameter], added: S
 
 
 class Allowed:
-    """What intervals allow for; nothing where all was stated."""
+    """What intervals allow for; nothing where all was stated. guessed: sd of each value for what it rests on."""
 
-    def __init__(self, residuals: Residuals, solution: Solution, u: Uncertainty, held: Sequence[Unstated]):
+    def __init__(
+        self,
+        residuals: Residuals,
+        solution: Solution,
+        u: Uncertainty,
+        held: Sequence[Unstated],
+        guessed: Float[np.ndarray, " p"],
+    ):
         p = len(residuals.parameters)
-        self.names, self.sd = residuals.names[:p], u.sd[:p]
+        self.names, self.sd, self.guessed = residuals.names[:p], u.sd[:p], guessed
         noise = u.noise_sd[:p]
         self.bounded = np.isfinite(self.sd) & (noise > 0)
         doubt = float(np.max(self.sd[self.bounded] / noise[self.bounded], initial=1.0))
@@ -99,7 +106,8 @@ class Allowed:
         own = Z95 * self.sd
         low = np.min([-own, *(view.ends[:, 0] for view in self.views)], axis=0)
         high = np.max([own, *(view.ends[:, 1] for view in self.views)], axis=0)
-        return np.stack([low, high], 1)
+        more = Z95 * self.guessed
+        return np.stack([-np.hypot(low, more), np.hypot(high, more)], 1)
 
     def rows(self) -> tuple[fit_report.Unstated, ...]:
         """As fit.json lists them."""

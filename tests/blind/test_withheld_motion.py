@@ -103,6 +103,14 @@ def test_nothing_amiss_keeps_the_energy_and_the_loops(name):
     assert motion.open_m() < 1e-7 * linkage.size
 
 
+@pytest.mark.parametrize("name", ["four-bar", "scissor", "five-bar"])
+def test_a_kick_is_the_rate_of_the_joint_that_is_drawn_first(name):
+    linkage = drawn(name)
+    laws = changed(as_drawn(linkage), [Change("release_rate", None, 0.3)])
+    motion = move(linkage, laws, starts_of(linkage), 0.01)
+    assert motion.plant.tree.turned[0] @ motion.state[0, 0, motion.plant.n : 2 * motion.plant.n] == pytest.approx(0.3)
+
+
 @pytest.mark.parametrize("name", ["four-bar", "slider-crank", "scissor", "six-bar"])
 def test_mujoco_moves_the_drawn_linkage_the_same(name):
     pytest.importorskip("mujoco")

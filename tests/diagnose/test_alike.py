@@ -4,7 +4,7 @@ from backend.diagnose.subject import Subject
 
 
 def test_slopes_about_a_motion_close_to_one_that_was_swept_are_not_taken_again():
-    subject = Subject(None, None, [], [], None, None, 1e-3, ())  # type: ignore[arg-type]
+    subject = Subject(None, None, None, [], [], None, None, 1e-3, ())  # type: ignore[arg-type]
     left = np.random.default_rng(0).standard_normal(1000)
     swept = []
 

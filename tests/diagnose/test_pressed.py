@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 
 import backend.diagnose.screen as module
-from backend.diagnose.fitted import Fitted
+from backend.diagnose.fitted import Fitted, log_evidence
 
 ROWS = 200
 T = np.linspace(0.0, 1.0, ROWS)
 
 
-def ended(value: float, held: bool) -> Fitted:
+def ended(value: float, held: bool, *, size: bool = True, start: float = 0.0) -> Fitted:
     """A fit of one law, sin(7 t), of which 5 sigmas are left."""
-    choice: Any = SimpleNamespace(own=1, start=np.zeros(1), ties=np.eye(2, 1), parameters=[None])
+    choice: Any = SimpleNamespace(
+        own=1, start=np.full(1, start), ties=np.eye(2, 1), parameters=[SimpleNamespace(lower=0.0, start=start)],
+        prior_sd=np.ones(1), sizes=np.array([size]), candidates=[SimpleNamespace(parameters=[None])],
+    )  # fmt: skip
     subject: Any = SimpleNamespace()
     r, J = 5.0 * np.sin(7.0 * T), np.sin(7.0 * T)[:, None]
     return Fitted(
@@ -42,3 +45,12 @@ def test_only_what_is_there_is_pressed():
     assert ended(3.0, True).pressed
     assert not ended(3.0, False).pressed
     assert not ended(0.0, True).pressed  # absent: friction that the data would have push
+
+
+def test_a_shape_that_may_be_nothing_is_half_believed_to_be():
+    """Friction that gives not at all is rigid friction, not friction at the end of its range."""
+    rigid = ended(0.0, True, size=False, start=0.5)
+    assert not rigid.pressed
+    assert ended(0.0, True, start=0.5).pressed
+    without = -0.5 * rigid.chi2  # of no number at all
+    assert log_evidence(rigid) == pytest.approx(without + np.log(0.5))

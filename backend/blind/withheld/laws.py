@@ -55,7 +55,7 @@ class Laws:
     N m and rad.
     links: heavier, inertia, stretch: relative; centre [m, link axes]; drag: half density x drag coefficient x width
     [N s²/m³], slow [N s/m].  springs: stiffer (relative), preload [N].  markers: shifted [m, link axes], drift [m/s].
-    whole: tilt of the rig about world y [rad], delay [s], release_rate of the first mover [rad/s]; the camera's
+    whole: tilt of the rig about world y [rad], delay [s], release_rate of the first joint [rad/s]; the camera's
     scale, turn [rad], pitch and yaw [rad], k1 [1/m²]; frame_rate (relative), time_offset [s], readout [s].
     What no library has: see causes.py.
     """

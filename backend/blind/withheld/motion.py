@@ -137,11 +137,12 @@ def close(plant: Plant, wanted: np.ndarray, near: np.ndarray | None = None) -> n
 
 
 def rates(plant: Plant, q: np.ndarray) -> np.ndarray:
-    """Tree rates (rows, n) with the first mover at its release rate and the loops moving along."""
+    """Tree rates (rows, n) with the first joint at its release rate, further movers at rest, the loops moving along."""
     tree, first = plant.tree, plant.linkage.movers
     now = turned(tree, q, np.zeros_like(q))
     _, J, _ = now.motion(plant.loops)
-    movers = np.broadcast_to(tree.turned[list(first)], (len(q), len(first), tree.n))
+    held = [0, *first[1:]]  # a kick is of the joint that is drawn first, which a scissor's mover is not
+    movers = np.broadcast_to(tree.turned[held], (len(q), len(held), tree.n))
     A = np.concatenate([np.real(J), np.imag(J), movers], 1)
     want = np.zeros(A.shape[:2])
     want[:, 2 * J.shape[1]] = plant.laws.release_rate

@@ -1,0 +1,31 @@
+"""What a value owes to a parameter that nobody gave."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from backend.effects.rolling_shutter import GUESS
+from backend.fit.free import free_parameters
+from backend.fit.guess import guesses, told
+from tests.mechanisms import bar_inertia, body, drawing, effect
+
+ASKED = ("rolling_shutter:camera.readout_s", "viscous_friction:pin")
+
+
+def pendulum(*effects):
+    bar = body("bar", (0.1, 0.0, 0.0), Rotation.identity(), 0.5, bar_inertia(0.5, 0.2))
+    joints = [("pin", "revolute", "ground", "bar", (0, 0, 0), (0, 0, 1))]
+    return drawing("pendulum", [bar], joints, list(effects), [("tip", "bar", (0.2, 0, 0))])
+
+
+@pytest.mark.parametrize(
+    ("drawn", "share"), [((), GUESS), (({},), GUESS), (({"height_m": 0.5},), 0.0)], ids=["absent", "silent", "told"]
+)
+def test_a_readout_owes_to_the_height_of_a_picture_that_nobody_gave(drawn, share):
+    mechanism = pendulum(*(effect("rows", "rolling_shutter", ["camera"], readout_s=0.0, **more) for more in drawn))
+    parameters = free_parameters(mechanism, ASKED).parameters
+    owed = guesses(mechanism, parameters, np.array([-0.02, 0.1]))
+    assert owed == pytest.approx([0.02 * share, 0.0])
+    said = list(told(mechanism, parameters))
+    assert len(said) == (1 if share else 0)
+    assert all("height_m" in sentence for sentence in said)
