@@ -77,7 +77,7 @@ class Fitted:
     def plain(self) -> Bool[np.ndarray, " own"]:
         """Numbers of a shape that the data press to nothing, as of friction that gives not at all before it slides."""
         own = slice(self.choice.own)
-        from_nothing = np.array([p.lower == 0.0 for p in self.choice.parameters])[own]
+        from_nothing = np.array([p.lower == 0.0 for p in self.choice.parameters], bool)[own]
         nothing = self.values[own] < AT_BOUND * self.choice.prior_sd[own]
         return self.held[own] & ~self.choice.sizes & from_nothing & nothing
 

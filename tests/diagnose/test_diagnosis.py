@@ -14,6 +14,7 @@ HINGE = {"position_m": [0, 0, 0], "quaternion_wxyz": [0.7071067811865476, 0.7071
 FEW = frozenset({"clearance", "joint_stop", "link_flexibility", "pin_friction"})  # one program each to compile
 RUB = 0.02  # N m, 2% of m g L
 GIVES = 4e-3  # rad
+COARSE_S = 1.0 / 180.0  # of a step, where no size is asked for: half the steps
 
 pytestmark = pytest.mark.timeout(
     900
@@ -198,7 +199,7 @@ def test_a_kick_at_the_release_is_unknown_where_the_library_has_none(drawing):
     """A base that shakes from the release on moves the bar as a kick does, and would be named for it."""
     from backend.diagnose.run import diagnose_study
 
-    found = diagnose_study(study(drawing, 6, kick=0.12), without=FEW | {"release_velocity"}).report
+    found = diagnose_study(study(drawing, 6, kick=0.12), without=FEW | {"release_velocity"}, step_s=COARSE_S).report
     assert found.verdict == "unknown"
     assert found.where.locations[0].at == "world"
 
@@ -218,7 +219,8 @@ def test_a_wire_that_tightens_is_an_unknown_law_of_where_the_joint_is(drawing):
     def wire(t, q, rate):
         return -0.15 * max(q - 0.3, 0.0)
 
-    found = diagnose_study(study(drawing, 5, wire, angles=(0.9, -0.5, 1.4)), without=FEW | {"torsion_spring"}).report
+    told = study(drawing, 5, wire, angles=(0.9, -0.5, 1.4))
+    found = diagnose_study(told, without=FEW | {"torsion_spring"}, step_s=COARSE_S).report
     assert found.verdict == "unknown"
     assert found.where.locations[0].at == "joint:j1"
 
@@ -229,7 +231,8 @@ def test_a_blow_that_no_effect_of_the_library_gives_is_unknown_and_lies_at_the_j
     def blow(t, q, rate):
         return 0.8 * np.exp(-0.5 * ((q - 0.2) / 0.06) ** 2) * np.sign(q)
 
-    found = diagnose_study(study(drawing, 4, blow, angles=(0.9, -0.7, -1.1)), without=FEW).report
+    told = study(drawing, 4, blow, angles=(0.9, -0.7, -1.1))
+    found = diagnose_study(told, without=FEW, step_s=COARSE_S).report
     assert found.verdict == "unknown"
     assert found.probability_unknown >= 0.9
     assert found.where.model_free[0].at == "joint:j1"

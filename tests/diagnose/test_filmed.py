@@ -12,7 +12,7 @@ from backend.observe.camera import Camera, Deviations, write_camera
 from backend.observe.camera_in_clip import camera_in_clip
 from tests.observe.filmed_fourbar import SIZE, TAGS, Eye
 
-from .test_diagnosis import FEW, RUB, drawing, rubbing, study  # noqa: F401 (a fixture)
+from .test_diagnosis import COARSE_S, FEW, RUB, drawing, rubbing, study  # noqa: F401 (a fixture)
 
 TRUE_EYE = Eye(1000.0, (643.0, 357.0), k1=-0.10, height_m=0.62, tilt_rad=(0.10, -0.07, 0.02), look_at_m=(0.0, -0.15))
 HEIGHT_M, RULER_M = 0.012, 0.003  # of the dots, and how well a ruler knows it
@@ -86,7 +86,7 @@ def test_an_error_that_the_calibration_allows_is_no_gap(drawing, camera):  # noq
 
     told = filmed(study(drawing, 2), camera)
     assert chance(taken_at_its_word(told)) < 1e-6  # it is there to be seen
-    found = diagnose_study(told, without=FEW).report
+    found = diagnose_study(told, without=FEW, step_s=COARSE_S).report
     assert found.verdict == "none"
     smallest = {d.kind: d.minimum for d in found.detectable}
     assert smallest["coulomb_friction"] < RUB  # friction would have been seen all the same
@@ -95,7 +95,8 @@ def test_an_error_that_the_calibration_allows_is_no_gap(drawing, camera):  # noq
 def test_a_cause_is_named_through_a_camera_that_is_a_little_off(drawing, camera):  # noqa: F811
     from backend.diagnose.run import diagnose_study
 
-    found = diagnose_study(filmed(study(drawing, 1, rubbing), camera), without=FEW).report
+    told = filmed(study(drawing, 1, rubbing), camera)
+    found = diagnose_study(told, without=FEW, step_s=COARSE_S).report
     assert found.verdict in ("identified", "ambiguous")
     assert found.causes[0].effects[0].kind in ("coulomb_friction", "stribeck_friction")
     assert found.where.locations[0].at == "joint:j1"
