@@ -76,3 +76,31 @@ def test_where_no_form_is_right_the_most_probable_set_is_the_answer(monkeypatch)
     monkeypatch.setattr(climb, "_most_probable", lambda best, worth, size: likelier)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, left))
     assert climb.confirmed(first, SimpleNamespace(excess=1.7)) == (likelier, left)
+
+
+def stop_at(pin: str, log_z: float, kind: str = "joint_stop") -> Any:
+    member = SimpleNamespace(kind=kind)
+    return SimpleNamespace(
+        names=(f"{kind}:{pin}",), candidates=(member,), log_z=log_z, fitted=SimpleNamespace(fraction=1.0)
+    )
+
+
+def test_all_pins_that_stop_alike_are_fitted_with_blows_as_they_come(monkeypatch):
+    """The first pin came out best with dead blows; with blows that give back, another does."""
+    climb: Any = object.__new__(Climb)
+    drawn = [stop_at("j1", 0.0), stop_at("j2", -3.0), stop_at("j3", -50.0), stop_at("j1", -2.0, "clearance")]
+    with_blows = {"joint_stop:j1": 20.0, "joint_stop:j2": 30.0, "joint_stop:j3": 90.0}
+    tried = {cause.names: cause for cause in drawn}
+
+    def closer(cause):
+        found = stop_at(cause.names[0].partition(":")[2], with_blows[cause.names[0]])
+        tried[found.names] = found
+        return found
+
+    search = SimpleNamespace(tried=tried, closer=closer)
+    climb.search = SimpleNamespace(tried={})
+    monkeypatch.setattr(climb, "_weight", lambda cause: cause.log_z)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    best, judged = climb._closer(drawn[0], "before", search)
+    assert (best.names, best.log_z, judged) == (("joint_stop:j2",), 30.0, "judged")
+    assert set(climb.search.tried) == {("joint_stop:j1",), ("joint_stop:j2",)}  # the third was too far behind
