@@ -17,10 +17,6 @@ from backend.diagnose.which import APART, Cause
 NONE, ONE, UNKNOWN, SEVERAL = 0.3, 0.5, 0.2, 0.1
 """Belief before any data in: nothing, one effect of the library, something that is not in it, several at once."""
 ODDS = float(np.log(20.0))
-ALONE = 0.1
-"""Chance that one effect that fits is not the cause, but does what another or something outside the library does. Of
-sealed studies answered with a single effect at more than 0.9, some fifty, six were not it.
-"""
 IMITATED = (0.2, 0.4)
 """Chance that a member of a set only helps the others do what one thing outside the library does: where it acts apart
 from them, and where it acts on the same part. Of sealed and development studies answered with a pair of more than 0.8,
@@ -92,9 +88,7 @@ def weigh(
 
 
 def _own(members: Sequence[Candidate]) -> float:
-    """Chance that a set that fits is not something else imitated."""
-    if len(members) == 1:
-        return 1.0 - ALONE
+    """Chance that a set that fits is not one thing imitated."""
     shared = [any(a.reach & b.reach for b in members[:i]) for i, a in enumerate(members)]
     return float(np.prod([1.0 - IMITATED[together] for together in shared[1:]]))
 

@@ -231,8 +231,8 @@ def _sentence(
     if shrunk is not None and shrunk.explained is not None:
         share = f" It explains {100 * shrunk.explained:.1f}% of the gap on experiments it was not fitted to."
     if verdict == "identified":
-        what, does = ("one thing", "they do") if len(causes[0].effects) > 1 else ("something", "it does")
-        doubt = f" (or, {100 * unknown:.0f}%, {what} outside the library that does what {does})"
+        several = len(causes[0].effects) > 1
+        doubt = f" (or, {100 * unknown:.0f}%, one thing outside the library that does what they do)" if several else ""
         return f"The gap is {named}{doubt}.{share}"
     if verdict == "ambiguous":
         others = f"one of {reported - 1} other explanation(s)" if reported > 1 else "something that the library lacks"

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.diagnose.belief import ALONE, IMITATED, weigh
+from backend.diagnose.belief import IMITATED, weigh
 from backend.diagnose.fitted import Fitted
 from backend.diagnose.which import Cause
 
@@ -39,7 +39,7 @@ def cause(*reach: str) -> Cause:
 @pytest.mark.parametrize(
     ("reach", "own"),
     [
-        (("joint:a",), 1.0 - ALONE),
+        (("joint:a",), 1.0),
         (("joint:a", "camera"), 1.0 - IMITATED[False]),
         (("camera", "camera"), 1.0 - IMITATED[True]),
         (("joint:a", "camera", "joint:a"), (1.0 - IMITATED[False]) * (1.0 - IMITATED[True])),
