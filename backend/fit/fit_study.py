@@ -142,7 +142,7 @@ def fit_study(
     if solution.converged:
         pace.step("what nobody stated of the walls")
     held = unstated(study, model, freedom.parameters, freedom.added) if solution.converged else []
-    guessed = guesses(study.mechanism, residuals.parameters, solution.x)
+    guessed = guesses(study.mechanism, residuals.parameters, solution.x[:p])
     allowed = Allowed(residuals, solution, uncertainty, held, guessed)
     intervals: dict[str, Profile] = {}
     complete = solution.status != "cancelled"

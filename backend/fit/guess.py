@@ -19,7 +19,7 @@ def guesses(
     0 where it owes nothing.
     """
     of = [_guess(mechanism, p) for p in parameters]
-    return np.array([abs(x) * guess[1] if guess else 0.0 for guess, x in zip(of, values, strict=False)])
+    return np.array([abs(x) * guess[1] if guess else 0.0 for guess, x in zip(of, values, strict=True)])
 
 
 def told(mechanism: Mechanism, parameters: Sequence[FreeParameter]) -> Iterator[str]:

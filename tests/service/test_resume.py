@@ -47,7 +47,7 @@ def test_a_real_fit_whose_worker_is_killed_goes_on_where_it_was(tmp_path):
 
 def test_a_real_ensemble_whose_worker_is_killed_keeps_its_finished_chunks(tmp_path):
     settings = settings_in(tmp_path, workers=1, checkpoint_s=0.1, job_command=Settings().job_command)
-    specs, samples = [f"{DRIVE}=uniform(0.005,0.015)", f"{DRY}=uniform(0.005,0.015)"], 640
+    specs, samples = [f"{DRIVE}=uniform(0.005,0.015)", f"{DRY}=uniform(0.005,0.015)"], 1500
     write_mechanism(weak_bar(), tmp_path / "weak.json")
     with serving(tmp_path, settings) as served:
         records = open_service(settings)
