@@ -194,20 +194,23 @@ def default_step(study: Study, model: Model) -> float:
 
 
 def _profiles(
-    residuals: Residuals, solution: Solution, u: Uncertainty, p: int, pace: Pace, cancelled
+    residuals: Residuals, solution: Solution, u: Uncertainty, p: int, pace: Pace, cancelled: Callable[[], bool] | None
 ) -> dict[str, Profile]:
-    problem = residuals.problem()
+    """Profiles of the first p unknowns that the data speak of, one on each core."""
+
+    def profile(j: int) -> Profile:
+        problem, sd = residuals.apart().problem(), float(u.noise_sd[j])
+        return profile_interval(problem, solution, j, u.covariance, sd, max_points=3, cancelled=cancelled)
+
     found = {}
-    for j in range(p):
-        name = residuals.names[j]
-        pace.enter(PROFILE, f"profile of {name}")
-        if np.isfinite(u.sd[j]):
-            profile = profile_interval(
-                problem, solution, j, u.covariance, float(u.noise_sd[j]), max_points=3, cancelled=cancelled
-            )
+    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+        drawn = {j: pool.submit(profile, j) for j in range(p) if np.isfinite(u.sd[j])}
+        for j, made in drawn.items():
+            pace.enter(PROFILE, f"profile of {residuals.names[j]}")
+            ended = made.result()
             if cancelled is not None and cancelled():
                 break  # its ends may not be where it stopped
-            found[name] = profile
+            found[residuals.names[j]] = ended
     return found
 
 

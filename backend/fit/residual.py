@@ -119,6 +119,10 @@ class Residuals:
         """The same with parameters of the model, not free ones, at another value."""
         return replace(self, runs=[run.holding(addresses, value) for run in self.runs])
 
+    def apart(self) -> Residuals:
+        """The same for another thread: a run remembers what it simulated last."""
+        return replace(self, runs=[run.apart() for run in self.runs])
+
     def problem(self, fraction: float = 1.0, anchor: np.ndarray | None = None) -> LeastSquares:
         """Least squares over the first fraction of every record.
 

@@ -136,6 +136,10 @@ class Run:
             jnp.asarray(column), jnp.asarray(self.found.turns), record, steps,
         )  # fmt: skip
 
+    def apart(self) -> Self:
+        """The same experiment, and the same compiled program, with a memory of its own."""
+        return replace(self, _last=None, _seen=None)
+
     def tied(self, ties: Float[np.ndarray, "all few"]) -> Run:
         """The same experiment, and the same compiled program, for values of which some are shared."""
         return replace(self, ties=ties, _last=None, _seen=None)

@@ -109,6 +109,16 @@ def test_the_profile_holds_the_value_and_is_as_wide_as_the_interval(fitted):
         assert i.profile[1] - i.profile[0] == pytest.approx(p.ci95[1] - p.ci95[0], rel=0.1)
 
 
+def test_profiles_drawn_at_once_are_those_drawn_one_by_one(fitted):
+    from backend.fit.identifiability import profile_interval
+
+    result, _ = fitted
+    problem, u = result.residuals.problem(), result.uncertainty
+    for j, i in enumerate(result.report.identifiability):
+        alone = profile_interval(problem, result.solution, j, u.covariance, float(u.noise_sd[j]), max_points=3)
+        assert i.profile == (alone.lower, alone.upper)
+
+
 def test_the_fit_ends_at_the_noise_and_so_does_the_prediction_of_an_unseen_run(fitted):
     report = fitted[0].report
     assert {r.at for r in report.residuals} == {"marker:bob", "marker:mid"}
