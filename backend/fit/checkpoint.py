@@ -12,6 +12,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from backend.fit.solve import Iteration, Solution
 from backend.mechanism.study import Study
 
 FILE = "fit.checkpoint.json"
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass
@@ -40,12 +41,14 @@ class Stage:
 class Checkpoint:
     """The stages of one fit, in order, and the file that keeps them (none for path None).
 
-    digest: of all that decides the course of the fit; a file with another one is not continued.
+    digest: of all that decides the course of the fit; a file with another one is not continued. Searches that go at
+    the same time have a branch each, in the same file.
     """
 
-    def __init__(self, path: Path | None, digest: str, stages: Sequence[Stage] = ()):
+    def __init__(self, path: Path | None, digest: str, stages: Sequence[Stage] = (), trunk: Checkpoint | None = None):
         self.path, self.digest = path, digest
         self._known, self.stages = list(stages), []
+        self._trunk, self._branches, self._lock = trunk, [], Lock()
 
     @classmethod
     def resume(cls, path: Path, digest: str) -> Checkpoint:
@@ -64,7 +67,15 @@ class Checkpoint:
                 f"{path} belongs to another fit: the study, what is free or an option has changed since. "
                 "Resume with those it was started with, or start again without --resume."
             )
-        return cls(path, digest, [_stage(s) for s in kept["stages"]])
+        made = cls(path, digest, [_stage(s) for s in kept["stages"]])
+        made._branches += [cls(None, digest, [_stage(s) for s in stages], made) for stages in kept["branches"]]
+        return made
+
+    def branch(self, k: int) -> Checkpoint:
+        """That of the kth of several searches; asked for in their order."""
+        if k == len(self._branches):
+            self._branches.append(Checkpoint(None, self.digest, trunk=self))
+        return self._branches[k]
 
     def known(self) -> Stage | None:
         """The stage that comes next, if it was kept."""
@@ -82,16 +93,22 @@ class Checkpoint:
 
     def write(self) -> None:
         """Replace the file by what is known now; a reader sees the old one or the new one, never a part."""
+        if self._trunk is not None:
+            self._trunk.write()
         if self.path is None:
             return
-        told = {"format": FORMAT, "digest": self.digest, "stages": [_told(s) for s in self._known]}
-        part = self.path.with_name(self.path.name + ".part")
-        part.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("w", encoding="utf-8") as file:
-            json.dump(told, file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, self.path)
+        with self._lock:
+            told = {
+                "format": FORMAT, "digest": self.digest, "stages": [_told(s) for s in self._known],
+                "branches": [[_told(s) for s in branch._known] for branch in self._branches],
+            }  # fmt: skip
+            part = self.path.with_name(self.path.name + ".part")
+            part.parent.mkdir(parents=True, exist_ok=True)
+            with part.open("w", encoding="utf-8") as file:
+                json.dump(told, file)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, self.path)
 
     def remove(self) -> None:
         """The fit is finished: nothing is left to resume."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from threading import RLock
 
 Progress = Callable[[float, str], None]
 USUAL = 4.0  # iterations after which half of a piece of work is taken as done
@@ -14,39 +15,44 @@ class Pace:
     """Pieces of work of stated weights, which are their usual costs in iterations, told as one share of the whole.
 
     planned: weight of all pieces. The time left is what the rest takes at the price of an iteration since the first:
-    compiling comes before it and does not count, nor do iterations that a piece turned out not to need.
+    compiling comes before it and does not count, nor do iterations that a piece turned out not to need. Several
+    threads may tell of theirs, one at a time.
     """
 
     def __init__(self, tell: Progress, planned: float, clock: Callable[[], float] = time.perf_counter):
         self._tell, self.planned, self._clock = tell, planned, clock
         self._done = self._piece = self._steps = self._part = self._share = self._worked = 0.0
         self._first: float | None = None
+        self._lock = RLock()
 
     def enter(self, weight: float, words: str = "") -> None:
         """Leave the last piece of work and begin the next."""
-        self._done += self._piece
-        if self._first is not None and not self._steps:
-            self._worked += self._piece
-        self._piece, self._steps, self._part = weight, 0.0, 0.0
-        self.planned = max(self.planned, self._done + weight)
-        if words:
-            self.tell(0.0, words)
+        with self._lock:
+            self._done += self._piece
+            if self._first is not None and not self._steps:
+                self._worked += self._piece
+            self._piece, self._steps, self._part = weight, 0.0, 0.0
+            self.planned = max(self.planned, self._done + weight)
+            if words:
+                self.tell(0.0, words)
 
     def step(self, words: str) -> None:
         """One more iteration of this piece of work."""
-        self._steps += 1.0
-        if self._first is None:
-            self._first = self._clock()
-        else:
-            self._worked += 1.0
-        self.tell(self._steps / (self._steps + USUAL), words)
+        with self._lock:
+            self._steps += 1.0
+            if self._first is None:
+                self._first = self._clock()
+            else:
+                self._worked += 1.0
+            self.tell(self._steps / (self._steps + USUAL), words)
 
     def tell(self, part: float, words: str) -> None:
         """This part (0 to 1) of the piece of work is done."""
-        self._part = part
-        self._share = max(self._share, min((self._done + part * self._piece) / self.planned, 1.0))
-        left = self.left_s()
-        self._tell(self._share, words if left is None else f"{words}, about {_rounded(left)} left")
+        with self._lock:
+            self._part = part
+            self._share = max(self._share, min((self._done + part * self._piece) / self.planned, 1.0))
+            left = self.left_s()
+            self._tell(self._share, words if left is None else f"{words}, about {_rounded(left)} left")
 
     def left_s(self) -> float | None:
         """Time left [s]; None while too little was done to say."""

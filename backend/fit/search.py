@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +16,7 @@ from backend.fit.residual import Residuals
 from backend.fit.retrace import RETRACED, Part, astray, retrace
 from backend.fit.secant import deviations, narrowed, smoothed
 from backend.fit.solve import Iteration, LeastSquares, Optimiser, Solution, robust_weights, solve
-from backend.fit.starts import best_of
+from backend.fit.starts import at_once
 
 FIRST_STEPS = 12  # spent on a part of the records at most: the whole of them decides
 PART, WHOLE = 4.0, 10.0  # iterations that a part of the records, or the whole of them, usually takes
@@ -48,21 +49,28 @@ class Search:
 
     def from_starts(self, starts: Sequence[Float[np.ndarray, " x"]], horizons: Sequence[float]) -> Solution:
         """The likeliest end of the searches from several starts, and the weights that belong to it."""
-        left: dict[int, tuple[float, list[tuple[float, np.ndarray]]]] = {}
+        if len(starts) == 1:
+            return self.through(starts[0], horizons)
+        each = [self._beside(k) for k in range(len(starts))]
+        ends = at_once([partial(search.through, x, horizons) for search, x in zip(each, starts, strict=True)])
+        best = int(np.argmin([search._unlikelihood(end) for search, end in zip(each, ends, strict=True)]))
+        self.residuals.spread, self.parts[:] = each[best].residuals.spread, each[best].parts
+        self.history += [step for search in each for step in search.history]
+        cut_off = next((end for end in ends if end.status == "cancelled"), None)
+        return replace(ends[best], status="cancelled", message=cut_off.message) if cut_off else ends[best]
 
-        def likelihood(found: Solution) -> float:
-            left[id(found)] = self.residuals.spread, list(self.parts)
-            # The misfit divides what it weighs, so an objective alone says nothing of how large it was.
-            motion = self.residuals.rows().motion
-            value = 0.5 * float(found.weights @ found.residual**2) + motion * np.log(self.residuals.spread)
-            return value if np.isfinite(value) else np.inf
+    def _beside(self, k: int) -> Search:
+        """A search of its own, at the same time as others."""
+        return Search(
+            self.residuals.apart(), self.optimiser, self.loss, self.max_iterations, self.kept.branch(k), self.pace,
+            self.cancelled,
+        )  # fmt: skip
 
-        def stop(found: Solution) -> bool:
-            return found.status == "cancelled"
-
-        best, ends = best_of(lambda x: self.through(x, horizons), starts, likelihood, stop)
-        self.residuals.spread, self.parts[:] = left[id(best)]
-        return best if not stop(ends[-1]) else replace(best, status="cancelled", message=ends[-1].message)
+    def _unlikelihood(self, found: Solution) -> float:
+        """The misfit divides what it weighs, so an objective alone says nothing of how large it was."""
+        motion = self.residuals.rows().motion
+        value = 0.5 * float(found.weights @ found.residual**2) + motion * np.log(self.residuals.spread)
+        return value if np.isfinite(value) else np.inf
 
     def through(self, x: np.ndarray, horizons: Sequence[float], words: str = "fitting whole records") -> Solution:
         """Fit the first part of every record, then longer ones, then all."""

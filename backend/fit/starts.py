@@ -1,8 +1,10 @@
-"""Several starts: the same search from scattered starting values, the best one wins and the others are told."""
+"""Several starts: the same search from scattered starting values, one on each core."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from jaxtyping import Float
@@ -10,24 +12,10 @@ from jaxtyping import Float
 from backend.fit.solve import Solution
 
 
-def best_of(
-    run: Callable[[Float[np.ndarray, " p"]], Solution],
-    starts: Sequence[Float[np.ndarray, " p"]],
-    cost: Callable[[Solution], float] = lambda found: found.objective,
-    stop: Callable[[Solution], bool] = lambda found: False,
-) -> tuple[Solution, list[Solution]]:
-    """The search of lowest cost among those from several starts, and all of them in order.
-
-    cost is asked for once, right after each search; one that says stop is the last.
-    """
-    found: list[Solution] = []
-    costs: list[float] = []
-    for start in starts:
-        found.append(run(start))
-        costs.append(cost(found[-1]))
-        if stop(found[-1]):
-            break
-    return found[int(np.argmin(costs))], found
+def at_once(searches: Sequence[Callable[[], Solution]]) -> list[Solution]:
+    """Where several searches end, in their order."""
+    with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
+        return [asked.result() for asked in [pool.submit(search) for search in searches]]
 
 
 def scattered(

@@ -210,11 +210,14 @@ def counted(monkeypatch):
     return calls
 
 
-@pytest.mark.parametrize(("iteration", "way"), [(4, None), (11, None), (7, "adjoint")])
-def test_a_fit_that_was_killed_goes_on_where_it_was(study, fitted, counted, tmp_path, iteration, way):
+@pytest.mark.parametrize(
+    ("iteration", "options"),
+    [(4, {}), (11, {}), (7, {"derivatives": "adjoint"}), (11, {"starts": 1})],
+)
+def test_a_fit_that_was_killed_goes_on_where_it_was(study, fitted, counted, tmp_path, iteration, options):
     from backend.fit.fit_study import fit_study
 
-    kept, steps = tmp_path / "kept" / "fit.checkpoint.json", []
+    kept, steps, options = tmp_path / "kept" / "fit.checkpoint.json", [], {"profiles": False, **options}
 
     def die(fraction, words):
         steps.extend(["iteration"] * ("iteration" in words))
@@ -222,13 +225,13 @@ def test_a_fit_that_was_killed_goes_on_where_it_was(study, fitted, counted, tmp_
             raise MemoryError
 
     with pytest.raises(MemoryError):
-        fit_study(study, FREE, profiles=False, derivatives=way, checkpoint=kept, progress=die)
+        fit_study(study, FREE, checkpoint=kept, progress=die, **options)
     assert kept.is_file()
     counted.clear()
-    resumed = fit_study(study, FREE, profiles=False, derivatives=way, checkpoint=kept, resume=True)
+    resumed = fit_study(study, FREE, checkpoint=kept, resume=True, **options)
     rest = len(counted)
     counted.clear()
-    whole = fit_study(study, FREE, profiles=False, derivatives=way)
+    whole = fit_study(study, FREE, **options)
     assert rest < len(counted)
     assert resumed.report.converged
     sd = fitted[0].uncertainty.sd[:3]
