@@ -60,8 +60,9 @@ def fitted(study: Study, way: Way, profiles: bool) -> FitResult:
     """The fit, and what it took."""
     begin, began = time.process_time(), time.perf_counter()
     result = fit_study(study, [], profiles=profiles, derivatives=way)
+    spent, passed = time.process_time() - begin, time.perf_counter() - began
     print(
-        f"  {way:9} {time.process_time() - begin:7.1f} s, {time.perf_counter() - began:6.1f} s, {len(result.report.history)} iterations, objective "
+        f"  {way:9} {spent:7.1f} s, {passed:6.1f} s, {len(result.report.history)} iterations, objective "
         f"{result.solution.objective:.3f}",
         flush=True,
     )

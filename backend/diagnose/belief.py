@@ -94,10 +94,12 @@ def _own(members: Sequence[Candidate]) -> float:
 
 
 def log_prior(size: int, library: int) -> float:
-    """Of one set of so many effects of a library, before any data and apart from what its kinds are worth."""
+    """Of one set of so many effects of a library, before any data and apart from what its kinds are worth. A library
+    that holds fewer, because nearly all was left out of it, has one such set.
+    """
     ways = 1.0
     for k in range(size):
-        ways *= (library - k) / (k + 1.0)
+        ways *= max(library - k, k + 1) / (k + 1.0)
     return float(np.log((ONE if size == 1 else SEVERAL * 0.3 ** (size - 2)) / ways))
 
 

@@ -31,3 +31,11 @@ def test_sampling_a_smooth_miss_more_finely_adds_nothing():
     coarse, fine = independent(miss(1000)), independent(miss(8000))
     assert fine == pytest.approx(coarse, rel=0.05)
     assert 20 < coarse < 240  # thirty seconds of a band of 1.8 Hz: 4 f T is 132
+
+
+def test_a_library_from_which_all_but_one_was_left_out_holds_that_one():
+    from backend.diagnose.belief import log_prior
+
+    assert log_prior(1, 0) == log_prior(1, 1)
+    assert np.isfinite(log_prior(2, 0))
+    assert log_prior(1, 10) == pytest.approx(log_prior(1, 1) - np.log(10))
