@@ -195,7 +195,7 @@ class Climb:
             return best, last
         closer = search.closer(best)
         alike = [closer, *search.stopping_alike(closer)]
-        if alike == [best]:
+        if closer is best and len(alike) == 1:
             return best, last
         reach, kinds = best.log_z - (closer.log_z - best.log_z), sorted(c.kind for c in best.candidates)
         known = {c.names for c in alike}

@@ -62,7 +62,12 @@ class Checkpoint:
             ) from None
         except json.JSONDecodeError as error:
             raise ValueError(f"{path} cannot be read ({error}): start again without --resume.") from None
-        if kept.get("format") != FORMAT or kept.get("digest") != digest:
+        if kept.get("format") != FORMAT:
+            raise ValueError(
+                f"{path} was written by another version of linktwin: start again without --resume, or resume with "
+                "that version."
+            )
+        if kept.get("digest") != digest:
             raise ValueError(
                 f"{path} belongs to another fit: the study, what is free or an option has changed since. "
                 "Resume with those it was started with, or start again without --resume."

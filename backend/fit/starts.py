@@ -15,7 +15,7 @@ from backend.fit.solve import Solution
 def at_once(searches: Sequence[Callable[[], Solution]]) -> list[Solution]:
     """Where several searches end, in their order."""
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
-        return [asked.result() for asked in [pool.submit(search) for search in searches]]
+        return list(pool.map(lambda search: search(), searches))
 
 
 def scattered(

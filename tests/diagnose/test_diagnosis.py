@@ -14,7 +14,7 @@ HINGE = {"position_m": [0, 0, 0], "quaternion_wxyz": [0.7071067811865476, 0.7071
 FEW = frozenset({"clearance", "joint_stop", "link_flexibility", "pin_friction"})  # one program each to compile
 RUB = 0.02  # N m, 2% of m g L
 GIVES = 4e-3  # rad
-COARSE_S = 1.0 / 180.0  # of a step, where no size is asked for: half the steps
+COARSE_S = 1.0 / 180.0  # of a step: half the steps that a diagnosis would choose
 
 pytestmark = pytest.mark.timeout(
     900
@@ -46,7 +46,7 @@ def drawing():
 
 
 def study(drawing, seed, torque=None, places=lambda p: p, angles=(0.9, -0.5, 1.4, 0.3), rub=0.0, kick=0.0):
-    """Two thirds of the releases to fit, the rest held out.
+    """One release of every three is held out, the rest are fitted.
 
     torque(t, q, rate): what the drawing lacks. places: what the camera does. rub: dry friction [N m] of bristles that
     bend by GIVES before they slide. kick: rate at the release [rad/s].

@@ -1,6 +1,7 @@
 """The file of a fit whose searches go at the same time."""
 
 import numpy as np
+import pytest
 
 from backend.fit.checkpoint import Checkpoint
 from backend.fit.solve import Iteration
@@ -22,3 +23,10 @@ def test_each_of_several_searches_goes_on_from_its_own_stages(tmp_path):
     assert again.known() is None  # no stage of its own came after them
     again.remove()
     assert not path.exists()
+
+
+def test_what_another_version_wrote_is_refused_by_that_name(tmp_path):
+    path = tmp_path / "fit.checkpoint.json"
+    path.write_text('{"format": 1, "digest": "a fit", "stages": []}')
+    with pytest.raises(ValueError, match="another version of linktwin: start again without --resume"):
+        Checkpoint.resume(path, "a fit")
