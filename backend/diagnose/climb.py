@@ -191,20 +191,15 @@ class Climb:
         """The best set with walls as they come, where it is of this family and that makes it likelier. Sets that could
         come up with it so are asked as well: all pins of one loop stop alike.
         """
-        if search.tried.get(best.names) is not best:
-            return best, last
-        closer = search.closer(best)
-        alike = [closer, *search.stopping_alike(closer)]
-        if closer is best and len(alike) == 1:
+        if search.tried.get(best.names) is not best or (closer := search.closer(best)) is best:
             return best, last
         reach, kinds = best.log_z - (closer.log_z - best.log_z), sorted(c.kind for c in best.candidates)
-        known = {c.names for c in alike}
         rivals = [
             c for c in search.tried.values()
-            if c.names not in known and sorted(k.kind for k in c.candidates) == kinds
+            if c is not closer and sorted(k.kind for k in c.candidates) == kinds
             and c.fitted.fraction == best.fitted.fraction and c.log_z > reach
         ]  # fmt: skip
-        found = [*alike, *(search.closer(c) for c in sorted(rivals, key=lambda c: -c.log_z)[:RIVALS])]
+        found = [closer, *(search.closer(c) for c in sorted(rivals, key=lambda c: -c.log_z)[:RIVALS])]
         self.search.tried.update({c.names: c for c in found})
         return self._judged(max(found, key=self._weight), search)
 

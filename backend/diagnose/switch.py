@@ -18,8 +18,6 @@ from backend.effects.shapes import AbstractJointStop
 
 SHARES = (0.25, 0.55, 0.85)  # of the way from the starts to the end of what a joint passes
 FACTORS = (0.3, 1.5)  # of the expected size
-NEIGHBOURS = 12  # of a motion's places, by which one joint's travel is read from another's
-ONE_CURVE = 0.01  # of what a joint passes: how far its places may lie from one curve, or beyond an end of travel
 EARLY = 0.5  # of the records: later, what switched on at another moment has long gone its own way
 
 
@@ -67,22 +65,3 @@ def passed(fitted: Fitted) -> dict[str, np.ndarray]:
     found = [p.coordinates(fitted.values, fitted.own(i)) for i, p in enumerate(fitted.probes)]
     ids = fitted.subject.model.topology.joint_ids
     return {id: np.stack([q[:, ids.index(id)] for q in found]) for id in fitted.subject.joints}
-
-
-def same_end(
-    member: Candidate, at: float, other: Candidate, upper: bool, motion: dict[str, np.ndarray]
-) -> float | None:
-    """Where another joint has to end for the motion to stop as it does where `member`'s joint ends `at`: in a linkage
-    of one freedom every joint stops at once. None where that joint does not say where the first one is, or was beyond.
-
-    upper: whether it would be the upper end. motion: q of each joint (experiments, times) with the stop.
-    """
-    q, p = (motion[c.on[0]].ravel() for c in (member, other))
-    known = np.isfinite(q) & np.isfinite(p)
-    q, p = q[known] - at, p[known]
-    near = np.argsort(np.abs(q))[:NEIGHBOURS]
-    powers = (q[near, None] / max(np.ptp(q), 1e-12)) ** np.arange(3)
-    curve = np.linalg.lstsq(powers, p[near])[0]
-    loose, end = ONE_CURVE * np.ptp(p), float(curve[0])
-    off, beyond = np.abs(p[near] - powers @ curve).max(), ((p - end) if upper else (end - p)).max()
-    return end if off < loose and beyond < loose else None

@@ -19,10 +19,8 @@ from backend.diagnose.noise_learnt import remember, set_aside
 from backend.diagnose.probe import Probe
 from backend.diagnose.screen import EARLY, Screen, beyond, containing, screen, tuned
 from backend.diagnose.subject import Choice, Subject
-from backend.diagnose.switch import passed, promising, same_end
+from backend.diagnose.switch import promising
 from backend.diagnose.unseen import Left, Unseen, unseen
-from backend.effects.catalogue import catalogue
-from backend.effects.shapes import AbstractJointStop
 from backend.mechanism.effect import kind_named
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
@@ -393,30 +391,6 @@ class Search:
         self.tried[found.names] = found
         return found
 
-    def stopping_alike(self, cause: Cause) -> list[Cause]:
-        """A cause with every other end of travel in the place of its own that stops the motion alike."""
-        stops = [c for c in cause.candidates if issubclass(catalogue()[c.kind], AbstractJointStop)]
-        if len(stops) != 1:
-            return []
-        (member,), values, motion = stops, cause.values, passed(cause.fitted)
-        known = {p.parameter: values[p.name] for p in member.parameters}
-        at, made = values[member.parameters[0].name], []
-        for other in self.subject.library.candidates:
-            if other.kind != member.kind or other.name == member.name or self.cancelled():
-                continue
-            upper = bool(self.subject.neutral[other.takes[0][0]] > 0)
-            if (end := same_end(member, at, other, upper, motion)) is None:
-                continue
-            way = other if member in self.subject.library.candidates else next(iter(other.closer), other)
-            begin = {p.name: known[p.parameter] for p in way.parameters if p.parameter in known}
-            begin[other.parameters[0].name] = end
-            choice = self.subject.choose(*(way if c is member else c for c in cause.candidates))
-            self.tell(f"trying {choice.name} as well")
-            fitted = fit(self.subject, choice, start=_from(cause.fitted, choice, begin))
-            if np.isfinite(fitted.chi2):
-                made.append(self._keep_better(fitted))
-        return made
-
     def _grown(self, choice: Choice, values: dict[str, float], drawn: Fitted, rival: Fitted) -> Fitted | None:
         """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one, or
         far more than its rival does.
@@ -466,14 +440,6 @@ class Search:
             return 0.0
         made = self._unseen(cause)
         return -np.inf if made is None else made.rescaled(scale).log_density()
-
-    def _keep_better(self, fitted: Fitted) -> Cause:
-        """The likelier of this fit and of what was tried under its names."""
-        cause = Cause(fitted, log_evidence(fitted))
-        before = self.tried.get(cause.names)
-        if before is None or before.fitted.fraction < fitted.fraction or cause.log_z > before.log_z:
-            self.tried[cause.names] = cause
-        return self.tried[cause.names]
 
     def _keep(self, fitted: Fitted) -> Cause:
         cause = Cause(fitted, log_evidence(fitted))

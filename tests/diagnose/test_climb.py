@@ -97,7 +97,7 @@ def test_all_pins_that_stop_alike_are_fitted_with_blows_as_they_come(monkeypatch
         tried[found.names] = found
         return found
 
-    search = SimpleNamespace(tried=tried, closer=closer, stopping_alike=lambda cause: [])
+    search = SimpleNamespace(tried=tried, closer=closer)
     climb.search = SimpleNamespace(tried={})
     monkeypatch.setattr(climb, "_weight", lambda cause: cause.log_z)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
