@@ -62,9 +62,12 @@ def weigh(
     softness: float = 1.0,
     unknown_log_z: float | None = None,
     foretold: Mapping[tuple[str, ...], float] | None = None,
+    one_motion: Sequence[Sequence[tuple[str, ...]]] = (),
 ) -> Belief:
     """Probabilities from evidence and the beliefs before any data.
 
+    one_motion: names of causes, group by group, whose evidence differs only by a law that nobody knows: each has the
+    mean of its group's.
     foretold: log density of held-out experiments under the nearest causes, by their names; those farther off count as
     the worst of these.
     """
@@ -74,7 +77,9 @@ def weigh(
         least = min(foretold.values())
         z = z + np.array([foretold.get(c.names, least) - most for c in causes])
     prior = np.array([log_prior(len(c.candidates), library_size) + c.log_odds for c in causes])
-    order = np.argsort(-(z + prior))
+    own = z
+    z = _in_common(z, [c.names for c in causes], one_motion)
+    order = np.lexsort((-own, -(z + prior)))
     causes, z, prior = [causes[i] for i in order], z[order], prior[order]
     rest = []
     rest.append(-np.inf if baseline is None else np.log(NONE) + log_evidence(scaled(baseline.fitted, width)))
@@ -85,6 +90,17 @@ def weigh(
     none = float(np.exp(rest[0] - total))
     unknown = min(float(np.exp(rest[1] - total) + np.sum(p - true)), 1.0 - none)  # rounding may not bring it past one
     return Belief(tuple(causes), true, z + prior, none, unknown)
+
+
+def _in_common(
+    z: np.ndarray, names: Sequence[tuple[str, ...]], groups: Sequence[Sequence[tuple[str, ...]]]
+) -> np.ndarray:
+    found = z.copy()
+    for group in groups:
+        rows = [i for i, n in enumerate(names) if n in group]
+        if rows:
+            found[rows] = logsumexp(z[rows]) - np.log(len(rows))
+    return found
 
 
 def _own(members: Sequence[Candidate]) -> float:

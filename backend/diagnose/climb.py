@@ -9,6 +9,7 @@ import numpy as np
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
+from backend.diagnose.ends import stopping_alike
 from backend.diagnose.fitted import log_evidence
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library
 from backend.diagnose.softness import softness
@@ -188,18 +189,23 @@ class Climb:
         return best, last
 
     def _closer(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
-        """The best set with walls as they come, where it is of this family and that makes it likelier. Sets that could
-        come up with it so are asked as well: all pins of one loop stop alike.
+        """The best set with walls as they come, where it is of this family and that makes it likelier; sets that could
+        come up with it so, and other ends of travel that stop the motion alike, are asked as well.
         """
-        if search.tried.get(best.names) is not best or (closer := search.closer(best)) is best:
+        if search.tried.get(best.names) is not best:
+            return best, last
+        closer = search.closer(best)
+        alike = stopping_alike(search, closer)
+        if closer is best and not alike:
             return best, last
         reach, kinds = best.log_z - (closer.log_z - best.log_z), sorted(c.kind for c in best.candidates)
+        known = {c.names for c in (closer, *alike)}
         rivals = [
             c for c in search.tried.values()
-            if c is not closer and sorted(k.kind for k in c.candidates) == kinds
+            if c.names not in known and sorted(k.kind for k in c.candidates) == kinds
             and c.fitted.fraction == best.fitted.fraction and c.log_z > reach
         ]  # fmt: skip
-        found = [closer, *(search.closer(c) for c in sorted(rivals, key=lambda c: -c.log_z)[:RIVALS])]
+        found = [closer, *alike, *(search.closer(c) for c in sorted(rivals, key=lambda c: -c.log_z)[:RIVALS])]
         self.search.tried.update({c.names: c for c in found})
         return self._judged(max(found, key=self._weight), search)
 

@@ -345,7 +345,7 @@ def _candidates(
 
 def _around(p: FreeParameter, row: ParameterRow) -> list[tuple[float, float]]:
     """Where a number that nobody states may begin, and its sd about there; a stiffness by its order of magnitude."""
-    held, far = row.declaration.default, row.declaration.unstated
+    held, far = row.declaration.default, row.unstated
     if held is None or far is None or p.start != held:
         return []
     if held > far > 0.0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, weigh
 from backend.diagnose.climb import ALPHA, NEAR, STRICT, SURE, WIDE, Climb, form
+from backend.diagnose.ends import one_motion
 from backend.diagnose.kept import Kept
 from backend.diagnose.latent import Latent, forces, log_mean, responses
 from backend.diagnose.library import SMOOTH, heard, library
@@ -183,13 +185,15 @@ class _Inquiry:
         unknown = log_mean(list(model_free.values())) if model_free else None
         if unknown is not None and exact and best.candidates:
             unknown -= overpromise(best, causes, self.scale)
-        belief = weigh(same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown)
+        weighed = partial(
+            weigh, same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown,
+            one_motion=one_motion(causes) if best.candidates else (),
+        )  # fmt: skip
+        belief = weighed()
         if exact and best.candidates:  # where no form is right, held-out experiments judge by what all of them lack
             near = [c for c, z in zip(belief.causes, belief.log_z, strict=True) if z > belief.log_z[0] - NEAR][:CLOSE]
             foretold = {c.names: self.search.foretold(c, self.scale) for c in near}
-            belief = weigh(
-                same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown, foretold=foretold
-            )
+            belief = weighed(foretold=foretold)
         shrunk = shrinkage(first, after, self.rng) if first else None
         nearly_all = shrunk is not None and shrunk.explained is not None and shrunk.explained > NEARLY_ALL
         doubtful = verdict == "identified" or (verdict == "approximate" and not nearly_all)

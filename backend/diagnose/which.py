@@ -391,6 +391,22 @@ class Search:
         self.tried[found.names] = found
         return found
 
+    def begun_at(self, cause: Cause, members: Sequence[Candidate], values: Mapping[str, float]) -> Cause | None:
+        """Another set, fitted from where a cause ended and from these values, or what was tried under its names where
+        that is the likelier; None where the motion is lost.
+        """
+        choice = self.subject.choose(*members)
+        self.tell(f"trying {choice.name} as well")
+        fitted = fit(self.subject, choice, start=_from(cause.fitted, choice, values))
+        if not np.isfinite(fitted.chi2):
+            return None
+        made = Cause(fitted, log_evidence(fitted))
+        before = self.tried.get(made.names)
+        if before is not None and before.fitted.fraction == fitted.fraction and before.log_z > made.log_z:
+            return before
+        self.tried[made.names] = made
+        return made
+
     def _grown(self, choice: Choice, values: dict[str, float], drawn: Fitted, rival: Fitted) -> Fitted | None:
         """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one, or
         far more than its rival does.

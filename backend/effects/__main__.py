@@ -52,7 +52,8 @@ def _row(name: str, declared: Declaration) -> str:
     bounds = "" if low is None and high is None else f"{_end(low, '-∞')} to {_end(high, '∞')}"
     where = f"; at {', '.join(declared.joint_types)} joints" if declared.joint_types else ""
     record = "; *record*" if declared.drive else ""
-    far = "" if declared.unstated is None else f"; unstated up to {declared.unstated:g}"
+    natural = " natural sizes" if declared.unstated_is_natural else ""
+    far = "" if declared.unstated is None else f"; unstated up to {declared.unstated:g}{natural}"
     expected = "" if declared.expected is None else f"{declared.expected * declared.typical:g}"
     return f"`{name}`{size} | {declared.unit} | {default} | {bounds} | {expected} | {declared.doc}{where}{record}{far}"
 

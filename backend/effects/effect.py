@@ -12,6 +12,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 Place = Literal["joint", "body", "bodies", "effect", "marker", "world", "camera"]
+SLIDING = ("prismatic",)  # joint types whose q is a travel
 TURNING = ("revolute", "cylindrical", "planar")  # joint types whose q is a turn
 
 
@@ -44,6 +45,8 @@ class Declaration:
     unstated: float | None = None
     """As far from its default as it may lie where nobody states it, in its unit: intervals of a fit allow for that.
     None: the default is taken at its word."""
+    unstated_is_natural: bool = False
+    """Whether `unstated` is in natural sizes: what is soft for a large mechanism is hard for a small one."""
     rests_on: tuple[str, float] | None = None
     """Another parameter that is guessed while nobody gives it, and the share of this one's value that the guess leaves
     open (one standard deviation)."""

@@ -3,10 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from backend.effects.effect import TURNING, parameter
+from backend.effects.effect import SLIDING, TURNING, parameter
 from backend.effects.shapes import AbstractRateFriction
-
-SLIDING = ("prismatic",)
 
 
 class StribeckFriction(AbstractRateFriction):

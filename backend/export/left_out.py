@@ -38,6 +38,7 @@ from backend.mechanism.mechanism import Mechanism
 from backend.model.model import Model
 from backend.model.placed import Placed
 
+HARD = 1e-9  # rad/(N m) or m/N: an end of travel that gives no more is rigid
 MANY = 6  # places that a sentence names
 WHOLE = (
     AbstractJointDamping, AbstractJointInertia, AbstractJointEffort, AbstractJointMotion, AbstractBodyForce,
@@ -82,7 +83,9 @@ def _sentence(effect: AbstractEffect) -> str:
     if isinstance(effect, AbstractRateFriction):
         return "friction keeps its sliding level at every speed, without the rise at rest"
     if isinstance(effect, AbstractJointStop):
-        return "how far its ends throw a body back is left out" if float(effect.wall().restitution) > 0.0 else ""
+        wall = effect.wall()
+        soft = float(wall.give) > HARD
+        return "how its ends give and throw a body back is left out" if soft or float(wall.restitution) > 0.0 else ""
     if isinstance(effect, AbstractDrag):
         return "drag of the air is left out"
     if isinstance(effect, AbstractBedFriction):

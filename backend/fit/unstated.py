@@ -65,10 +65,10 @@ def unstated(study: Study, model: Model, free: Sequence[FreeParameter], added: S
         place = effect.on[0] if effect in added else effect.id
         for address, row in model.parameters.items():
             declared = row.declaration
-            if address[0] != effect.id or declared.unstated is None:
+            if address[0] != effect.id or row.unstated is None:
                 continue
             if address[1] not in effect.parameters and address not in freed | said:
-                of = (effect.kind, address[1], float(declared.default or 0.0), declared.unstated, declared.unit)
+                of = (effect.kind, address[1], float(declared.default or 0.0), row.unstated, declared.unit)
                 found.setdefault(of, []).append((place, address))
     return [
         Unstated(f"{kind}:{places[0][0] if len(places) == 1 else '*'}", tuple(a for _, a in places), held, far, unit)

@@ -41,6 +41,12 @@ class ParameterRow:
         """Standard deviation of its value before any data, in its unit; None: not a cause that a diagnosis frees."""
         return None if self.declaration.expected is None else self.declaration.expected * self.natural
 
+    @property
+    def unstated(self) -> float | None:
+        """As far from its default as it may lie where nobody states it, in its unit; None: nowhere else."""
+        far = self.declaration.unstated
+        return None if far is None else far * (self.natural if self.declaration.unstated_is_natural else 1.0)
+
 
 class Model(eqx.Module):
     """Numbers are array leaves (differentiable); topology, names and counts are static."""

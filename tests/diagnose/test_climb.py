@@ -85,7 +85,7 @@ def stop_at(pin: str, log_z: float, kind: str = "joint_stop") -> Any:
     )
 
 
-def test_all_pins_that_stop_alike_are_fitted_with_blows_as_they_come(monkeypatch):
+def test_all_pins_that_came_near_are_fitted_with_blows_as_they_come(monkeypatch):
     """The first pin came out best with dead blows; with blows that give back, another does."""
     climb: Any = object.__new__(Climb)
     drawn = [stop_at("j1", 0.0), stop_at("j2", -3.0), stop_at("j3", -50.0), stop_at("j1", -2.0, "clearance")]
@@ -101,6 +101,7 @@ def test_all_pins_that_stop_alike_are_fitted_with_blows_as_they_come(monkeypatch
     climb.search = SimpleNamespace(tried={})
     monkeypatch.setattr(climb, "_weight", lambda cause: cause.log_z)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    monkeypatch.setattr(module, "stopping_alike", lambda search, cause: [])
     best, judged = climb._closer(drawn[0], "before", search)
     assert (best.names, best.log_z, judged) == (("joint_stop:j2",), 30.0, "judged")
     assert set(climb.search.tried) == {("joint_stop:j1",), ("joint_stop:j2",)}  # the third was too far behind

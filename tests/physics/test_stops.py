@@ -10,10 +10,10 @@ from tests.motions import follow
 STEP_S, STEPS, SPEED, END = 1e-3, 1000, 0.8, 0.2
 
 
-def hit(speed, gravity=(0.0, 0.0, 0.0), step_s=STEP_S):
-    stop = effect("stop", "joint_stop", ["rail"], lower=-0.1, upper=END)
+def hit(speed, gravity=(0.0, 0.0, 0.0), step_s=STEP_S, steps=STEPS, **wall):
+    stop = effect("stop", "joint_stop", ["rail"], lower=-0.1, upper=END, **wall)
     model = build(sliding_mass([stop], gravity=gravity))
-    return follow(model, step_s, STEPS, np.array([[speed, 0, 0, 0, 0, 0]]))
+    return follow(model, step_s, steps, np.array([[speed, 0, 0, 0, 0, 0]]))
 
 
 @pytest.mark.parametrize(("speed", "end"), [(SPEED, END), (-SPEED, -0.1)])
@@ -44,3 +44,16 @@ def test_a_block_pressed_on_its_stop_rests_on_it_with_its_weight():
 def test_energy_never_grows_at_a_stop():
     motion = hit(SPEED, gravity=(-3.0, 0.0, 0.0))
     assert np.max(motion.energy - np.minimum.accumulate(motion.energy)) < 1e-3 * motion.kinetic[0]
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_a_soft_end_gives_way_as_a_spring_of_its_stiffness_and_throws_back_what_it_keeps(restitution):
+    """The law that loads with stiffness 2 k / (1 + e²) and unloads with e² of that (Walton and Braun 1986)."""
+    mass, stiffness = 0.5, 2e3
+    motion = hit(SPEED, step_s=0.25 * STEP_S, steps=1600, restitution=restitution, stiffness_n_per_m=stiffness)
+    depth = SPEED * np.sqrt(mass * (1.0 + restitution**2) / (2.0 * stiffness))
+    assert motion.path.q.max() - END == pytest.approx(depth, rel=0.03)
+    if restitution > 0.0:
+        assert motion.path.rate[-1, 0] == pytest.approx(-restitution * SPEED, rel=0.02, abs=1e-3)
+    else:
+        assert abs(motion.path.rate[-1, 0]) < 2e-2 * SPEED

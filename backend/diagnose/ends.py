@@ -1,0 +1,103 @@
+"""Ends of travel that stop a linkage alike: in a loop of one freedom every joint stops at once.
+
+Which of them has met its end is then told only by how the blow is answered, of which nobody knows the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from backend.diagnose.library import Candidate
+from backend.diagnose.subject import Subject
+from backend.diagnose.switch import passed
+from backend.diagnose.which import Cause, Search
+from backend.effects.catalogue import catalogue
+from backend.effects.shapes import AbstractJointStop
+
+NEIGHBOURS = 12  # of a motion's places, by which one joint's travel is read from another's
+ONE_CURVE = 0.01  # of what a joint passes: how far its places may lie from one curve, or beyond an end of travel
+
+
+def end_of(cause: Cause) -> Candidate | None:
+    """The one end of travel in a cause; None where there is none, or more than one."""
+    ends = [c for c in cause.candidates if issubclass(catalogue()[c.kind], AbstractJointStop)]
+    return ends[0] if len(ends) == 1 else None
+
+
+def stands(cause: Cause, end: Candidate) -> float:
+    """Where an end of travel of a cause stands [rad or m]."""
+    return cause.values[end.parameters[0].name]
+
+
+def is_upper(subject: Subject, end: Candidate) -> bool:
+    """Whether it is the upper end of its joint: as drawn it stands far out."""
+    return bool(subject.neutral[end.takes[0][0]] > 0)
+
+
+def same_end(joint: str, at: float, other: str, upper: bool, motion: Mapping[str, np.ndarray]) -> float | None:
+    """Where another joint has to end for the motion to stop as it does where the first one ends `at`; None where that
+    joint does not say where the first one is, or was beyond.
+
+    upper: whether it would be the upper end. motion: q of each joint (experiments, times) with the stop.
+    """
+    q, p = motion[joint].ravel(), motion[other].ravel()
+    known = np.isfinite(q) & np.isfinite(p)
+    q, p = q[known] - at, p[known]
+    if q.size < NEIGHBOURS:
+        return None
+    near = np.argsort(np.abs(q))[:NEIGHBOURS]
+    powers = (q[near, None] / max(np.ptp(q), 1e-12)) ** np.arange(3)
+    curve = np.linalg.lstsq(powers, p[near])[0]
+    loose, end = ONE_CURVE * np.ptp(p), float(curve[0])
+    off, beyond = np.abs(p[near] - powers @ curve).max(), ((p - end) if upper else (end - p)).max()
+    return end if off < loose and beyond < loose else None
+
+
+def stopping_alike(search: Search, cause: Cause) -> list[Cause]:
+    """A cause with every other end of travel that stops the motion alike in the place of its own, each fitted from
+    where its joint stands at the blow.
+    """
+    member = end_of(cause)
+    if member is None:
+        return []
+    answers = {p.parameter: cause.values[p.name] for p in member.parameters[1:]}  # of its wall, if those are free
+    motion, made = passed(cause.fitted), []
+    for other in search.subject.library.candidates:
+        if other.kind != member.kind or other.name == member.name or search.cancelled():
+            continue
+        upper = is_upper(search.subject, other)
+        if (end := same_end(member.on[0], stands(cause, member), other.on[0], upper, motion)) is None:
+            continue
+        way = next(iter(other.closer), other) if answers else other
+        begin = {p.name: answers[p.parameter] for p in way.parameters if p.parameter in answers}
+        begin[other.parameters[0].name] = end
+        found = search.begun_at(cause, [way if c is member else c for c in cause.candidates], begin)
+        made += [] if found is None else [found]
+    return made
+
+
+def one_motion(causes: Sequence[Cause]) -> list[list[tuple[str, ...]]]:
+    """Names of causes, group by group, that differ by which joint has met its end, and stop the motion alike."""
+    left = sorted((c for c in causes if end_of(c) is not None), key=lambda c: -c.log_z)
+    groups = []
+    while left:
+        lead, *left = left
+        motion = passed(lead.fitted)
+        same = [c for c in left if _stops_alike(lead, c, motion)]
+        left = [c for c in left if c not in same]
+        if same:
+            groups.append([c.names for c in (lead, *same)])
+    return groups
+
+
+def _stops_alike(lead: Cause, other: Cause, motion: Mapping[str, np.ndarray]) -> bool:
+    mine, its = end_of(lead), end_of(other)
+    if mine is None or its is None or mine.kind != its.kind:
+        return False
+    if {*lead.names} - {mine.name} != {*other.names} - {its.name}:
+        return False
+    end = same_end(mine.on[0], stands(lead, mine), its.on[0], is_upper(other.fitted.subject, its), motion)
+    q = motion[its.on[0]]
+    return end is not None and bool(abs(end - stands(other, its)) < ONE_CURVE * (np.nanmax(q) - np.nanmin(q)))
