@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from backend.diagnose.library import Candidate
-from backend.diagnose.subject import Subject
-from backend.diagnose.switch import passed
+from backend.diagnose.switch import is_upper, passed
 from backend.diagnose.which import Cause, Search
 from backend.effects.catalogue import catalogue
 from backend.effects.shapes import AbstractJointStop
@@ -29,11 +28,6 @@ def end_of(cause: Cause) -> Candidate | None:
 def stands(cause: Cause, end: Candidate) -> float:
     """Where an end of travel of a cause stands [rad or m]."""
     return cause.values[end.parameters[0].name]
-
-
-def is_upper(subject: Subject, end: Candidate) -> bool:
-    """Whether it is the upper end of its joint: as drawn it stands far out."""
-    return bool(subject.neutral[end.takes[0][0]] > 0)
 
 
 def same_end(joint: str, at: float, other: str, upper: bool, motion: Mapping[str, np.ndarray]) -> float | None:
@@ -67,7 +61,7 @@ def stopping_alike(search: Search, cause: Cause) -> list[Cause]:
     for other in search.subject.library.candidates:
         if other.kind != member.kind or other.name == member.name or search.cancelled():
             continue
-        upper = is_upper(search.subject, other)
+        upper = is_upper(other)
         if (end := same_end(member.on[0], stands(cause, member), other.on[0], upper, motion)) is None:
             continue
         way = next(iter(other.closer), other) if answers else other
@@ -98,6 +92,6 @@ def _stops_alike(lead: Cause, other: Cause, motion: Mapping[str, np.ndarray]) ->
         return False
     if {*lead.names} - {mine.name} != {*other.names} - {its.name}:
         return False
-    end = same_end(mine.on[0], stands(lead, mine), its.on[0], is_upper(other.fitted.subject, its), motion)
+    end = same_end(mine.on[0], stands(lead, mine), its.on[0], is_upper(its), motion)
     q = motion[its.on[0]]
     return end is not None and bool(abs(end - stands(other, its)) < ONE_CURVE * (np.nanmax(q) - np.nanmin(q)))

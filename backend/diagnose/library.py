@@ -320,6 +320,7 @@ def _candidates(
                 at.setdefault(p.on, []).append(i)
         for on, rows in at.items():
             far = [i for i in rows if _out_of_reach(drawn[i], parameters[i].prior_sd)]
+            far = rows if issubclass(catalogue()[kind], AbstractJointStop) else far  # a drawn end is one of two, too
             for each in [[i] for i in far] if len(far) > 1 else [rows]:
                 own = tuple(parameters[i] for i in each)
                 takes = tuple((i,) for i in each)

@@ -18,6 +18,7 @@ from backend.effects.shapes import AbstractJointStop
 
 SHARES = (0.25, 0.55, 0.85)  # of the way from the starts to the end of what a joint passes
 FACTORS = (0.3, 1.5)  # of the expected size
+FAR = 100.0  # rad or m: an end of travel so far out is not drawn
 EARLY = 0.5  # of the records: later, what switched on at another moment has long gone its own way
 
 
@@ -26,15 +27,23 @@ def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarra
     if issubclass(catalogue()[candidate.kind], AbstractJointStop):
         q = passed[candidate.on[0]]
         (p,), (take,) = candidate.parameters, candidate.takes
-        first, last = (q[:, 0].max(), q.max()) if subject.neutral[take[0]] > 0 else (q[:, 0].min(), q.min())
+        first, last = (q[:, 0].max(), q.max()) if is_upper(candidate) else (q[:, 0].min(), q.min())
         if abs(last - first) > 0.02:
             yield from ({p.name: float(first + share * (last - first))} for share in SHARES)
+        if abs(drawn := float(subject.neutral[take[0]])) < FAR:
+            yield {p.name: drawn}
         return
     for factor in FACTORS:
         yield {
             p.name: float(np.clip(p.start + sd * factor, p.lower, p.upper))
             for p, sd in zip(candidate.parameters, candidate.prior_sd, strict=True)
         }
+
+
+def is_upper(end: Candidate) -> bool:
+    """Whether a candidate is the upper end of a joint's travel, which is far above as long as nobody draws it."""
+    default = catalogue()[end.kind].declarations()[end.parameters[0].parameter].default
+    return default is not None and default > 0.0
 
 
 def promising(

@@ -1,9 +1,13 @@
 """The library of causes: whatever the effects' files declare, at every place, and nothing that was left out."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from backend.diagnose.library import LOAD, SMOOTH, alike, families, heard, library
+from backend.diagnose.switch import SHARES, openings
 from backend.effects.catalogue import catalogue
 from backend.mechanism.study import Tolerance
 from tests.mechanisms import effect, fourbar
@@ -33,6 +37,19 @@ def test_causes_that_change_the_structure_stand_apart():
     assert {"clearance", "joint_stop", "link_flexibility", LOAD} <= set(families())
     stops = [c for c in library(fourbar(), "joint_stop").candidates if c.kind == "joint_stop"]
     assert len(stops) == 2 * len(fourbar().joints)  # each end by itself
+
+
+def test_a_drawn_end_of_travel_is_tried_where_it_is_drawn_too():
+    drawn = fourbar([effect("end", "joint_stop", [fourbar().joints[0].id], lower=-0.6)])
+    known = library(drawn, "joint_stop")
+    lower, upper = [c for c in known.candidates if c.kind == "joint_stop" and c.on == (drawn.joints[0].id,)]
+    subject: Any = SimpleNamespace(neutral=np.array(known.neutral))
+    passed = {drawn.joints[0].id: np.array([[0.3, 0.5, -0.5], [0.2, 0.6, -0.6]])}
+    found = [next(iter(values.values())) for values in openings(subject, lower, passed)]
+    assert found == pytest.approx([*(0.2 - 0.8 * share for share in SHARES), -0.6])
+    assert [next(iter(v.values())) for v in openings(subject, upper, passed)] == pytest.approx(
+        [0.3 + 0.3 * share for share in SHARES]
+    )
 
 
 def test_what_a_drawing_leaves_loose_is_a_finding_only_well_beyond_it():
