@@ -77,9 +77,9 @@ def weigh(
         least = min(foretold.values())
         z = z + np.array([foretold.get(c.names, least) - most for c in causes])
     prior = np.array([log_prior(len(c.candidates), library_size) + c.log_odds for c in causes])
-    own = z
+    alone = z
     z = _in_common(z, [c.names for c in causes], one_motion)
-    order = np.lexsort((-own, -(z + prior)))
+    order = np.lexsort((-alone, -(z + prior)))
     causes, z, prior = [causes[i] for i in order], z[order], prior[order]
     rest = []
     rest.append(-np.inf if baseline is None else np.log(NONE) + log_evidence(scaled(baseline.fitted, width)))
@@ -95,6 +95,7 @@ def weigh(
 def _in_common(
     z: np.ndarray, names: Sequence[tuple[str, ...]], groups: Sequence[Sequence[tuple[str, ...]]]
 ) -> np.ndarray:
+    """Evidence with the mean of a group's for each of the group; together they are as probable as before."""
     found = z.copy()
     for group in groups:
         rows = [i for i, n in enumerate(names) if n in group]

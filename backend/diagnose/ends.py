@@ -79,10 +79,10 @@ def one_motion(causes: Sequence[Cause]) -> list[list[tuple[str, ...]]]:
     while left:
         lead, *left = left
         motion = passed(lead.fitted)
-        same = [c for c in left if _stops_alike(lead, c, motion)]
-        left = [c for c in left if c not in same]
+        same = [c.names for c in left if _stops_alike(lead, c, motion)]
+        left = [c for c in left if c.names not in same]
         if same:
-            groups.append([c.names for c in (lead, *same)])
+            groups.append([lead.names, *same])
     return groups
 
 

@@ -18,7 +18,6 @@ from backend.effects.shapes import AbstractJointStop
 
 SHARES = (0.25, 0.55, 0.85)  # of the way from the starts to the end of what a joint passes
 FACTORS = (0.3, 1.5)  # of the expected size
-FAR = 100.0  # rad or m: an end of travel so far out is not drawn
 EARLY = 0.5  # of the records: later, what switched on at another moment has long gone its own way
 
 
@@ -30,7 +29,7 @@ def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarra
         first, last = (q[:, 0].max(), q.max()) if is_upper(candidate) else (q[:, 0].min(), q.min())
         if abs(last - first) > 0.02:
             yield from ({p.name: float(first + share * (last - first))} for share in SHARES)
-        if abs(drawn := float(subject.neutral[take[0]])) < FAR:
+        if (drawn := float(subject.neutral[take[0]])) != _default(candidate):
             yield {p.name: drawn}
         return
     for factor in FACTORS:
@@ -42,8 +41,12 @@ def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarra
 
 def is_upper(end: Candidate) -> bool:
     """Whether a candidate is the upper end of a joint's travel, which is far above as long as nobody draws it."""
-    default = catalogue()[end.kind].declarations()[end.parameters[0].parameter].default
-    return default is not None and default > 0.0
+    return _default(end) > 0.0
+
+
+def _default(end: Candidate) -> float:
+    """Where an end of travel stands that nobody draws [rad or m]."""
+    return float(catalogue()[end.kind].declarations()[end.parameters[0].parameter].default or 0.0)
 
 
 def promising(

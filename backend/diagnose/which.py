@@ -256,13 +256,7 @@ class Search:
         """What remains of a cause, begun where the cause ended."""
         choice = self.subject.choose(*(c for c in cause.candidates if c is not member))
         fitted = fit(self.subject, choice, start=_from(cause.fitted, choice), fractions=self._horizons(cause))
-        rest = Cause(fitted, log_evidence(fitted))
-        before = self.tried.get(rest.names)
-        if before is not None and before.fitted.fraction == fitted.fraction and not rest.log_z > before.log_z:
-            return before
-        self.screens.pop(rest.names, None)
-        self.tried[rest.names] = rest
-        return rest
+        return self._keep_likelier(fitted)
 
     def simpler(self, cause: Cause) -> list[Cause]:
         """A cause with a simpler form, at the same place, instead of a member that contains it."""
@@ -400,12 +394,7 @@ class Search:
         fitted = fit(self.subject, choice, start=_from(cause.fitted, choice, values))
         if not np.isfinite(fitted.chi2):
             return None
-        made = Cause(fitted, log_evidence(fitted))
-        before = self.tried.get(made.names)
-        if before is not None and before.fitted.fraction == fitted.fraction and before.log_z > made.log_z:
-            return before
-        self.tried[made.names] = made
-        return made
+        return self._keep_likelier(fitted)
 
     def _grown(self, choice: Choice, values: dict[str, float], drawn: Fitted, rival: Fitted) -> Fitted | None:
         """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one, or
@@ -456,6 +445,16 @@ class Search:
             return 0.0
         made = self._unseen(cause)
         return -np.inf if made is None else made.rescaled(scale).log_density()
+
+    def _keep_likelier(self, fitted: Fitted) -> Cause:
+        """What was tried under the same names, over as much of the records, unless this fit is the likelier."""
+        made = Cause(fitted, log_evidence(fitted))
+        before = self.tried.get(made.names)
+        if before is not None and before.fitted.fraction == fitted.fraction and not made.log_z > before.log_z:
+            return before
+        self.screens.pop(made.names, None)  # it was about the other fit
+        self.tried[made.names] = made
+        return made
 
     def _keep(self, fitted: Fitted) -> Cause:
         cause = Cause(fitted, log_evidence(fitted))
