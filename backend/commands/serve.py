@@ -18,13 +18,16 @@ def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on; 127.0.0.1.")] = None,
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="Port; 8000, 0 for any free one.")] = None,
     workers: Annotated[int | None, typer.Option(min=0, help="Jobs worked on at once; 1.")] = None,
-    data: DataFolder = None,
+    data: Annotated[
+        Path | None, typer.Option("--data", "--out", help="Folder for all it keeps; out/service.", file_okay=False)
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Answer over HTTP: the page at /ui, the API at /api/v1, and workers for its jobs.  Ctrl-C ends it.
 
     Everything else is set by LINKTWIN_... variables: docs/service.md.
     """
-    with answering(False):
+    with answering(as_json) as answer:
         from backend.service.settings import Settings
         from backend.service.supervise import supervise
 
@@ -34,7 +37,8 @@ def serve(
                 f"listening on {settings.host} needs an API key, and there is none: make one with "
                 "`linktwin key new OWNER`, or listen on 127.0.0.1"
             )
-        supervise(settings)
+        kept = str(settings.data_folder.resolve())
+        supervise(settings, lambda url: answer({"url": url, "data": kept}, f"serving   {url}\ndata      {kept}"))
 
 
 def key(

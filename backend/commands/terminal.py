@@ -46,7 +46,7 @@ def answering(as_json: bool) -> Iterator[Callable[[Mapping[str, Any], str], None
     stdout = sys.stdout
 
     def answer(report: Mapping[str, Any], text: str) -> None:
-        print(json.dumps(report, indent=1, ensure_ascii=False) if as_json else text, file=stdout)
+        print(json.dumps(report, indent=1, ensure_ascii=False) if as_json else text, file=stdout, flush=True)
 
     try:
         with redirect_stdout(sys.stderr if as_json else stdout):

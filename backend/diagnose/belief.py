@@ -27,7 +27,9 @@ two more on one part, answered since, neither.
 
 @dataclass(frozen=True)
 class Belief:
-    """Causes, most probable first, with their probabilities beside `none` and `unknown`; log_z as weighed."""
+    """Causes, most probable first, with their probabilities beside `none` and `unknown`; log_z as weighed, with the
+    beliefs before any data.
+    """
 
     causes: tuple[Cause, ...]
     probability: np.ndarray
@@ -79,17 +81,18 @@ def weigh(
     prior = np.array([log_prior(len(c.candidates), library_size) + c.log_odds for c in causes])
     alone = z
     z = _in_common(z, [c.names for c in causes], one_motion)
-    order = np.lexsort((-alone, -(z + prior)))
-    causes, z, prior = [causes[i] for i in order], z[order], prior[order]
+    fitting = z + prior
+    true = fitting + np.log([_own(c.candidates) for c in causes])
+    order = np.lexsort((-alone, -true))
     rest = []
     rest.append(-np.inf if baseline is None else np.log(NONE) + log_evidence(scaled(baseline.fitted, width)))
     rest.append(-np.inf if unknown_log_z is None else np.log(UNKNOWN) + unknown_log_z)
-    total = logsumexp([*(z + prior), *rest])
-    p = np.exp(z + prior - total)
-    true = p * np.array([_own(c.candidates) for c in causes])
+    total = logsumexp([*fitting, *rest])
+    p = np.exp(true - total)
     none = float(np.exp(rest[0] - total))
-    unknown = min(float(np.exp(rest[1] - total) + np.sum(p - true)), 1.0 - none)  # rounding may not bring it past one
-    return Belief(tuple(causes), true, z + prior, none, unknown)
+    imitated = np.sum(np.exp(fitting - total) - p)
+    unknown = min(float(np.exp(rest[1] - total) + imitated), 1.0 - none)  # rounding may not bring it past one
+    return Belief(tuple(causes[i] for i in order), p[order], true[order], none, unknown)
 
 
 def _in_common(
@@ -140,7 +143,10 @@ def aliases(
                 continue
             set_ = tuple(sorted([k.name, *(c.name for c in rest)]))
             if set_ in tried:
-                apart = (tried[set_].fitted.chi2 - cause.fitted.chi2) / scale**2
+                other = tried[set_].fitted
+                apart = (other.chi2 - cause.fitted.chi2) / scale**2 + other.strain - cause.fitted.strain
+            elif not np.any(change):  # a tolerance set free: slopes beside the tolerance itself say nothing
+                continue
             else:
                 T = np.concatenate([about.signature(k) / scale, *beside], 1)
                 H = T.T @ T + np.diag(np.concatenate([k.prior_sd, *(c.prior_sd for c in rest)]) ** -2.0)

@@ -12,12 +12,13 @@ from backend.diagnose.belief import weigh
 from backend.diagnose.ends import stopping_alike
 from backend.diagnose.fitted import log_evidence
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library
+from backend.diagnose.shrink import gap_unit
 from backend.diagnose.softness import softness
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import passed
 from backend.diagnose.where import place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, Cause, Search
-from backend.mechanism.study import Study
+from backend.mechanism.study import Study, driven_effects
 
 ALPHA = 0.01
 DEEPEST = 4  # effects in one explanation
@@ -249,7 +250,7 @@ class Climb:
 
     def _search_of(self, family: str) -> Search | None:
         """The same experiments under another family's model; None where the mechanism has no place for it."""
-        every = library(self.study.mechanism, family, self.study.tolerances, self.without)
+        every = library(self.study.mechanism, family, self.study.tolerances, self.without, driven_effects(self.study))
         known = alike(every, self.search.subject.library)
         if not any(c.family == family for c in known.candidates):
             return None
@@ -406,7 +407,10 @@ class Climb:
         """What is left is smaller than the user minds."""
         if self.tolerance_m is None:
             return False
-        sigma = float(np.median(np.concatenate(self.search.subject.noise.sigma)))
+        subject = self.search.subject
+        unit = gap_unit(subject.fit)
+        told = [np.array([c.unit == unit for c in p.data.channels])[p.data.channel] for p in subject.fit]
+        sigma = float(np.median(np.concatenate([s[t] for s, t in zip(subject.noise.sigma, told, strict=True)])))
         return np.sqrt(max(judged.upper, 0.0)) * sigma * self.scale < self.tolerance_m
 
     def _tell(self, words: str) -> None:

@@ -54,12 +54,12 @@ def stopping_alike(search: Search, cause: Cause) -> list[Cause]:
     where its joint stands at the blow.
     """
     member = end_of(cause)
-    if member is None:
+    if member is None or member.on[0] not in search.subject.joints:
         return []
     answers = {p.parameter: cause.values[p.name] for p in member.parameters[1:]}  # of its wall, if those are free
     motion, made = passed(cause.fitted), []
     for other in search.subject.library.candidates:
-        if other.kind != member.kind or other.name == member.name or search.cancelled():
+        if other.kind != member.kind or other.name == member.name or search.cancelled() or other.on[0] not in motion:
             continue
         upper = is_upper(other)
         if (end := same_end(member.on[0], stands(cause, member), other.on[0], upper, motion)) is None:
@@ -88,7 +88,7 @@ def one_motion(causes: Sequence[Cause]) -> list[list[tuple[str, ...]]]:
 
 def _stops_alike(lead: Cause, other: Cause, motion: Mapping[str, np.ndarray]) -> bool:
     mine, its = end_of(lead), end_of(other)
-    if mine is None or its is None or mine.kind != its.kind:
+    if mine is None or its is None or mine.kind != its.kind or not {mine.on[0], its.on[0]} <= motion.keys():
         return False
     if {*lead.names} - {mine.name} != {*other.names} - {its.name}:
         return False

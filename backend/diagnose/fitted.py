@@ -19,6 +19,7 @@ from backend.fit.solve import LeastSquares, solve
 
 GAIN = 0.1  # in log evidence, over the power of what is left: a step that brings less is the last
 AT_BOUND = 1e-6  # of a number's natural size
+PLACES = ("m", "rad")  # units of channels that tell where something is
 REFUSALS = 5  # in a row: where friction sticks, a slope promises what no step brings
 
 
@@ -96,6 +97,12 @@ class Fitted:
     def chi2(self) -> float:
         """Sum of squares of the data rows."""
         return float(self.r @ self.r)
+
+    @property
+    def strain(self) -> float:
+        """What the tolerances pay for where they are: the sum of squares of their shifts, in their own sds."""
+        shift = (self.values - self.choice.start) / self.choice.prior_sd
+        return float(np.sum(shift[self.choice.own :] ** 2))
 
     @property
     def rms(self) -> float:
@@ -206,14 +213,15 @@ class Seer:
         return r, J
 
     def miss(self, x: np.ndarray) -> float:
-        """Rms of what the prediction misses, in radians or mechanism lengths."""
+        """Rms of what the prediction misses, in radians or mechanism lengths; what joints carry is no place."""
         few = 0 if self.probes[0].ties is None else self.probes[0].ties.shape[1]
         ends = few + np.cumsum([0, *[p.unknowns for p in self.probes]])
         length, squares, count = float(self.subject.model.scale.length_m), 0.0, 0
         for i, (p, white) in enumerate(zip(self.probes, self.white, strict=True)):
             seen, _ = p.predict(x[:few], x[ends[i] : ends[i + 1]])
-            metres = np.array([c.unit == "m" for c in p.data.channels])[p.data.channel]
-            off = ((p.data.value - seen) / np.where(metres, length, 1.0))[white.keep]
+            unit = np.array([c.unit for c in p.data.channels])[p.data.channel]
+            off = ((p.data.value - seen) / np.where(unit == "m", length, 1.0))[white.keep]
+            off = off[np.isin(unit, PLACES)[white.keep]]
             squares, count = squares + float(off @ off), count + off.size
         return float(np.sqrt(squares / max(count, 1)))
 

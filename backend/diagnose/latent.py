@@ -173,8 +173,8 @@ def evidence(fitted: Fitted, L: Float[np.ndarray, "n bumps"]) -> Float[np.ndarra
 
 
 def log_mean(z: Sequence[float] | Float[np.ndarray, " n"]) -> float:
-    """Log evidence where each of several was as likely beforehand."""
-    return float(logsumexp(z) - np.log(len(z)))
+    """Log evidence where each of several was as likely beforehand; of none, minus infinity."""
+    return float(logsumexp(z) - np.log(len(z))) if len(z) else -np.inf
 
 
 def posterior(fitted: Fitted, L: Float[np.ndarray, "n bumps"], s: float) -> tuple[np.ndarray, np.ndarray]:

@@ -171,26 +171,29 @@ def _expected(effect: type[AbstractEffect]) -> bool:
 
 
 def library(
-    mechanism: Mechanism, family: str, tolerances: Sequence[Tolerance] = (), without: frozenset[str] = frozenset()
+    mechanism: Mechanism,
+    family: str,
+    tolerances: Sequence[Tolerance] = (),
+    without: frozenset[str] = frozenset(),
+    driven: frozenset[str] = frozenset(),
 ) -> Library:
     """Everything smooth, and one further family beside it, with the study's tolerances.
 
     without: kinds that are no candidates. The model keeps them, absent, and its compiled program serves all the same.
+    driven: drawn effects whose value is on record: what is amiss beside one is an effect of its own.
     """
     kinds = families()
     wanted = kinds[SMOOTH] if family == SMOOTH else (*kinds[SMOOTH], *kinds[family])
-    found: list[FreeParameter] = []
-    added: dict[str, Effect] = {}
-    for kind in reversed(wanted):  # the family's own kinds first: others that cannot stand beside them are left out
-        for freedom in _places_of(mechanism, kind):
-            both = added | {e.id: e for e in freedom.added}
-            if family != SMOOTH and kind in kinds[SMOOTH] and not _can_be_built(mechanism, both):
-                continue
-            found += [p for p in freedom.parameters if all(p.name != f.name for f in found)]
-            added = both
     loose = free_parameters(mechanism, (), tolerances)
+    bare = mechanism.model_copy(update={"effects": tuple(e for e in mechanism.effects if e.id not in driven)})
+    found: list[FreeParameter] = []
+    added: dict[str, Effect] = {e.id: e for e in loose.added}
+    # The family's own kinds first: others that cannot stand beside them, or beside a tolerance, are left out.
+    for kind in reversed(wanted):
+        for freedom in _places_of(mechanism, bare, kind, added if family != SMOOTH else {}):
+            found += [p for p in freedom.parameters if all(p.name != f.name for f in found)]
+            added |= {e.id: e for e in freedom.added}
     found += [p for p in loose.parameters if all(p.name != f.name for f in found)]
-    added |= {e.id: e for e in loose.added}
     table = build(mechanism, tuple(added.values())).parameters
     known = {p.name: p.prior_sd for p in loose.parameters}
     wide: list[float | None] = []
@@ -211,11 +214,10 @@ def library(
         replace(p, prior_sd=sd, start=0.0 if _out_of_reach(p, sd) else p.start)
         for p, sd in zip(found, wide, strict=True)
     ]
-    loose_pins = {k for k in wanted if issubclass(catalogue()[k], AbstractJointClearance)}
     tight = TIGHT * float(build(mechanism).scale.length_m)
     neutral = tuple(
-        tight if p.kind in loose_pins and sd is not None and p.name not in known else p.start
-        for p, sd in zip(found, wide, strict=True)
+        p.start if p.name in known or sd is None or p.addresses[0][0] not in added else _absent(p, row, tight)
+        for p, sd, row in zip(found, wide, rows, strict=True)
     )
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
     nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
@@ -256,7 +258,16 @@ def _shared_out(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(map(shared, candidates))
 
 
-def _can_be_built(mechanism: Mechanism, added: dict[str, Effect]) -> bool:
+def _absent(p: FreeParameter, row: ParameterRow, tight: float) -> float:
+    """What a number is while its effect is not there: pins fit, links do not bend."""
+    effect = catalogue()[p.kind]
+    if issubclass(effect, AbstractJointClearance):
+        return tight
+    held = row.declaration.default
+    return float(held) if issubclass(effect, AbstractSection) and held is not None else p.start
+
+
+def _can_be_built(mechanism: Mechanism, added: Mapping[str, Effect]) -> bool:
     try:
         build(mechanism, tuple(added.values()))
     except ValueError:
@@ -269,26 +280,28 @@ def _out_of_reach(p: FreeParameter, sd: float | None) -> bool:
     return sd is not None and abs(p.start) > 100.0 * sd
 
 
-def _places_of(mechanism: Mechanism, kind: str) -> list[Freedom]:
-    """The kind everywhere; place by place where it cannot act at all of them."""
+def _places_of(mechanism: Mechanism, bare: Mechanism, kind: str, beside: Mapping[str, Effect]) -> list[Freedom]:
+    """The kind everywhere; place by place where it cannot act at all of them, with these effects beside it.
+
+    bare: the drawing without effects that a candidate must not take over.
+    """
     everywhere = [j.id for j in mechanism.joints]
     try:
-        freedom = free_parameters(mechanism, _asked(mechanism, kind, "*", everywhere))
+        freedom = free_parameters(bare, _asked(mechanism, kind, "*", everywhere))
     except ValueError:
         return []  # it acts nowhere in this mechanism
-    try:
-        build(mechanism, freedom.added)
+    if _can_be_built(mechanism, {**beside, **{e.id: e for e in freedom.added}}):
         return [freedom]
-    except ValueError:
-        found = []
-        for on in dict.fromkeys(p.on for p in freedom.parameters):
-            try:
-                one = free_parameters(mechanism, _asked(mechanism, kind, "+".join(on), on))
-                build(mechanism, one.added)
-                found.append(one)
-            except ValueError:
-                continue
-        return found
+    found = []
+    for on in dict.fromkeys(p.on for p in freedom.parameters):
+        try:
+            one = free_parameters(bare, _asked(mechanism, kind, "+".join(on), on))
+        except ValueError:
+            continue
+        if _can_be_built(mechanism, both := {**beside, **{e.id: e for e in one.added}}):
+            found.append(one)
+            beside = both
+    return found
 
 
 def _asked(mechanism: Mechanism, kind: str, place: str, on: Sequence[str]) -> list[str]:
@@ -325,7 +338,7 @@ def _candidates(
                 own = tuple(parameters[i] for i in each)
                 takes = tuple((i,) for i in each)
                 worth = tuple(tries[i] for i in each)
-                places, reach = _places(mechanism, on), _reach(mechanism, on)
+                places, reach = _places(mechanism, kind, on), _reach(mechanism, kind, on)
                 made = Candidate(kind, on, places, reach, own, takes, family, worth, len(far) > 1)
                 rest = [i for i, p in enumerate(parameters) if p.kind == kind and p.on == on and i in unstated]
                 yield replace(made, closer=_closer(made, parameters, {i: unstated[i] for i in rest}))
@@ -334,14 +347,14 @@ def _candidates(
         alike: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
         for on, rows in at.items():
             alike.setdefault(tuple(parameters[i].parameter for i in rows), []).append(on)
-        for ons in alike.values():
-            if len(ons) > 1:
-                takes = tuple(tuple(group) for group in zip(*(at[on] for on in ons), strict=True))
-                own = tuple(replace(parameters[t[0]], label="all") for t in takes)
-                everywhere = tuple(o for on in ons for o in on)
-                worth = tuple(tries[t[0]] for t in takes)
-                places, reach = _places(mechanism, everywhere), _reach(mechanism, everywhere)
-                yield Candidate(kind, everywhere, places, reach, own, takes, family, worth)
+        several = [ons for ons in alike.values() if len(ons) > 1]
+        for ons in several:  # those that turn, and those that slide
+            takes = tuple(tuple(group) for group in zip(*(at[on] for on in ons), strict=True))
+            own = tuple(replace(parameters[t[0]], label="all") for t in takes)
+            everywhere = tuple(o for on in ons for o in on)
+            worth = tuple(tries[t[0]] for t in takes)
+            places, reach = _places(mechanism, kind, everywhere), _reach(mechanism, kind, everywhere)
+            yield Candidate(kind, everywhere, places, reach, own, takes, family, worth, len(several) > 1)
 
 
 def _around(p: FreeParameter, row: ParameterRow) -> list[tuple[float, float]]:
@@ -376,19 +389,24 @@ def _closer(
     return tuple(found)
 
 
-def _places(mechanism: Mechanism, on: Sequence[str]) -> tuple[str, ...]:
-    """`joint:ID`, `body:ID`, `marker:ID`, `effect:ID`, `camera`, `world`."""
-    groups = {
-        "joint": {j.id for j in mechanism.joints},
-        "body": {b.id for b in mechanism.bodies},
-        "marker": {m.id for m in mechanism.markers},
-        "effect": {e.id for e in mechanism.effects},
-    }
-    named = ((o, next((g for g, ids in groups.items() if o in ids), None)) for o in on)
-    return tuple(o if group is None else f"{group}:{o}" for o, group in named)
+PART = {"joint": "joint", "body": "body", "bodies": "body", "marker": "marker", "camera": "marker", "world": "joint"}
+"""Parts on which a kind stands, by what it acts on: of the picture one marker, of the surroundings one joint."""
 
 
-def _reach(mechanism: Mechanism, on: Sequence[str]) -> frozenset[str]:
-    moving = {b.id for b in mechanism.bodies if not b.fixed}
-    joined = {f"body:{b}" for j in mechanism.joints if j.id in on for b in (j.body_a, j.body_b) if b in moving}
-    return frozenset(_places(mechanism, on)) | joined
+def _places(mechanism: Mechanism, kind: str, on: Sequence[str]) -> tuple[str, ...]:
+    """`joint:ID`, `body:ID`, `marker:ID`, `effect:ID`, `camera`, `world`. A joint and a marker may have one name."""
+    acts_on = catalogue()[kind].acts_on
+    drawn = set() if acts_on in ("joint", "body", "marker") else {e.id for e in mechanism.effects}
+
+    def place(id: str) -> str:
+        if id == acts_on and acts_on in ("camera", "world"):
+            return id
+        return f"effect:{id}" if id in drawn else f"{PART[acts_on]}:{id}"
+
+    return tuple(map(place, on))
+
+
+def _reach(mechanism: Mechanism, kind: str, on: Sequence[str]) -> frozenset[str]:
+    moving, places = {b.id for b in mechanism.bodies if not b.fixed}, _places(mechanism, kind, on)
+    at = [j for j in mechanism.joints if f"joint:{j.id}" in places]
+    return frozenset(places) | {f"body:{b}" for j in at for b in (j.body_a, j.body_b) if b in moving}

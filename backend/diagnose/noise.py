@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import chi2
 
-from backend.fit.measured import Measured
-from backend.fit.noise import quantum
+from backend.fit.measured import Channel, Measured
+from backend.fit.noise import ROUNDING, quantum
 
 ENOUGH = 60  # static samples of one kind of channel: its sd is then known to a tenth, its memory to 0.13
 ALIKE = 1.7  # channels whose noise differs by less share one estimate
@@ -61,7 +61,7 @@ class Noise:
         gain, pull = 1.0 / sigma, np.zeros(keep.size)
         for c, of in enumerate(data.channels):
             rows = np.flatnonzero(channel == c)
-            a = self.memory.get(kind_of(of.at), 0.0)
+            a = self.memory.get(kind_of(of), 0.0)
             if rows.size < 2 or a == 0.0:
                 continue
             gaps = np.diff(time[rows])
@@ -71,9 +71,9 @@ class Noise:
         return Whitening(keep, gain, pull)
 
 
-def kind_of(at: str) -> str:
-    """`marker` or `joint`."""
-    return at.partition(":")[0]
+def kind_of(channel: Channel) -> str:
+    """Channels of one kind share what is known of their noise: all markers, and joints' sensors of one unit."""
+    return "marker" if channel.at.startswith("marker:") else f"joint, {channel.unit}"
 
 
 def estimate(data: Sequence[Measured]) -> Noise:
@@ -81,12 +81,12 @@ def estimate(data: Sequence[Measured]) -> Noise:
     keep = tuple(good_samples(d) for d in data)
     sigma = [d.sigma.copy() for d in data]
     memory: dict[str, float] = {}
-    for kind in {kind_of(c.at) for d in data for c in d.channels}:
+    for kind in {kind_of(c) for d in data for c in d.channels}:
         still = [
             (i, c, rows)
             for i, d in enumerate(data)
             for c, channel in enumerate(d.channels)
-            if kind_of(channel.at) == kind and (rows := np.flatnonzero((d.channel == c) & d.still & keep[i])).size >= 5
+            if kind_of(channel) == kind and (rows := np.flatnonzero((d.channel == c) & d.still & keep[i])).size >= 5
         ]
         if sum(rows.size for *_, rows in still) < ENOUGH:
             continue
@@ -102,8 +102,13 @@ def estimate(data: Sequence[Measured]) -> Noise:
         shared = _sd(series, a)
         for i, d in enumerate(data):
             for c, channel in enumerate(d.channels):
-                if kind_of(channel.at) == kind and channel.noise != "given":
-                    sigma[i][d.channel == c] = shared if alike else own.get(_name(d, c), shared)
+                if kind_of(channel) != kind or channel.noise == "given":
+                    continue
+                rows = d.channel == c
+                size = max(shared if alike else own.get(_name(d, c), shared), quantum(d.value[rows]) / np.sqrt(12.0))
+                # Still frames that repeat to the last digit tell nothing: the sigma of the record itself stays.
+                if size > ROUNDING * np.max(np.abs(d.value[rows])):
+                    sigma[i][rows] = size
     return Noise(tuple(sigma), memory, keep)
 
 

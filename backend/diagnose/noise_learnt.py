@@ -18,13 +18,13 @@ def remember(fitted: Fitted, latent: Latent) -> bool:
     if not 0.5 < float(np.mean(left**2)) < CALM:
         return False
     seer = Seer(fitted.subject, fitted.probes, fitted.fraction)
-    kinds = {kind_of(c.at) for p in fitted.probes for c in p.data.channels}
+    kinds = {kind_of(c) for p in fitted.probes for c in p.data.channels}
     changed = False
     for kind in kinds:
         follows = np.zeros(fitted.r.size, bool)
         for p, white, rows in zip(fitted.probes, seer.white, seer.rows, strict=True):
             channel, time = p.data.channel[white.keep], p.data.time_s[white.keep]
-            of = np.array([kind_of(c.at) == kind for c in p.data.channels])[channel]
+            of = np.array([kind_of(c) == kind for c in p.data.channels])[channel]
             gap = np.diff(time)
             next_to = (np.diff(channel) == 0) & of[1:] & (gap < 1.5 * np.median(gap[gap > 0]))
             follows[rows.start + 1 : rows.stop] = next_to

@@ -127,7 +127,7 @@ class Probe(Run):
     def coordinates(self, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "times joints"]:
         """q of every joint along the motion, at even times, through the program that predicts samples."""
         room = self.setting.column.size
-        joints = len(self.model.topology.joint_ids)
+        joints = max(len(self.model.topology.joint_ids), 1)
         times = max(min(PER_BUMP * self.bumps.shape[1], room // joints), 2)
         column, since = np.zeros(room, int), np.zeros(room)
         column[: times * joints] = np.tile(np.arange(joints), times)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
@@ -28,8 +28,9 @@ from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Cause, Search
 from backend.fit.fit_study import default_step
+from backend.mechanism.apart import set_apart
 from backend.mechanism.gap_report import GapReport
-from backend.mechanism.study import Study
+from backend.mechanism.study import Study, driven_effects
 from backend.model.build import build
 
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
@@ -87,13 +88,15 @@ class _Inquiry:
     """The steps of one diagnosis, in order, and what each found."""
 
     def __init__(self, study: Study, tolerance_m, without, step_s, progress, cancelled, seed, kept):
+        driven = driven_effects(study)
+        study = replace(study, mechanism=set_apart(study.mechanism, driven))
         self.began, self.study, self.tolerance_m = time.perf_counter(), study, tolerance_m
         self.progress, self.cancelled = progress or (lambda fraction, words: None), cancelled or (lambda: False)
         self.rng, self.done, self.planned = np.random.default_rng(seed), 0, 4.0 + REFITS + 2.0 * LEADERS * PARTNERS
         self.warnings: list[str] = []
         self.without = without
         self.tell("building the library of effects")
-        known = library(study.mechanism, SMOOTH, study.tolerances, without)
+        known = library(study.mechanism, SMOOTH, study.tolerances, without, driven)
         self.subject = prepare(study, known, step_s or default_step(study, build(study.mechanism)), kept=kept)
         self.search = Search(self.subject, self.tell, self.cancelled)
 

@@ -4,7 +4,7 @@ frames alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,22 +69,42 @@ def _test(probe: Probe, noise: Noise, i: int, values: np.ndarray, C: np.ndarray,
 
 
 def gap_power(made: Sequence[Test]) -> Float[np.ndarray, "blocks 3"]:
-    """Per block of time of every experiment: sum of squared misses, of noise variances [m² or rad²], and samples."""
+    """Per block of time of every experiment: sum of squared misses, of noise variances [m² or rad²], and samples.
+
+    Places of markers and slides, or angles where no experiment has any of those: squares of both have no sum.
+    """
+    units = [np.array([c.unit for c in t.probe.data.channels])[t.probe.data.channel[t.keep]] for t in made]
+    unit = gap_unit(t.probe for t in made)
     blocks = []
-    for t in made:
+    for t, mine in zip(made, units, strict=True):
         since = t.probe.since_release_s[t.keep]
         end = max(float(since.max()), 1e-12)
         at = np.clip((BLOCKS * since / end).astype(int), 0, BLOCKS - 1)
+        miss, allowed = _missed(t), _floor(t)
         for b in range(BLOCKS):
-            rows = t.moving & (at == b) & np.isfinite(t.miss)
+            rows = t.moving & (at == b) & (mine == unit)
             if rows.any():
-                blocks.append([np.sum(t.miss[rows] ** 2), np.sum(_floor(t, rows)), rows.sum()])
+                blocks.append([np.sum(miss[rows] ** 2), np.sum(allowed[rows]), rows.sum()])
     return np.array(blocks).reshape(-1, 3)
 
 
-def _floor(t: Test, rows: np.ndarray) -> np.ndarray:
+def gap_unit(probes: Iterable[Probe]) -> str:
+    """In which a gap is told: metres where anything was measured in them."""
+    return "m" if any(c.unit == "m" for p in probes for c in p.data.channels) else "rad"
+
+
+def _missed(t: Test) -> np.ndarray:
+    """Misses; of a motion that was lost, how far the measured one has come from where it began."""
+    channel, value = t.probe.data.channel[t.keep], t.probe.data.value[t.keep]
+    begun = np.zeros(channel.max(initial=0) + 1)
+    for c in np.unique(channel):
+        begun[c] = value[channel == c][0]
+    return np.where(np.isfinite(t.miss), t.miss, value - begun[channel])
+
+
+def _floor(t: Test) -> np.ndarray:
     # A start that a chaotic motion blows up must not excuse everything: ten times the noise at most.
-    return np.minimum(t.allowed[rows], 100.0 * t.sigma[rows] ** 2)
+    return np.fmin(t.allowed, 100.0 * t.sigma**2)
 
 
 @dataclass(frozen=True)
@@ -102,9 +122,11 @@ class Shrinkage:
     """Upper 97.5% limit of what remains beyond the noise, rms [m or rad]."""
 
 
-def shrinkage(before: Sequence[Test], after: Sequence[Test], rng: np.random.Generator) -> Shrinkage:
-    """Of two models on the same held-out experiments, by a bootstrap over blocks of time."""
+def shrinkage(before: Sequence[Test], after: Sequence[Test], rng: np.random.Generator) -> Shrinkage | None:
+    """Of two models on the same held-out experiments, by a bootstrap over blocks of time; None where nothing moves."""
     a, b = gap_power(before), gap_power(after)
+    if not len(a):
+        return None
     pick = rng.integers(0, len(a), (RESAMPLES, len(a)))
     first = np.array([a[p, 0].sum() - a[p, 1].sum() for p in pick])
     later = np.array([b[p, 0].sum() - b[p, 1].sum() for p in pick])

@@ -93,6 +93,11 @@ class Subject:
         """As drawn."""
         return np.array(self.library.neutral)
 
+    def size_of(self, joint: str) -> float:
+        """What counts as one of a joint's coordinate: 1 rad, or a mechanism length [m]."""
+        sliding = self.mechanism.joint(joint).type == "prismatic"
+        return float(self.model.scale.length_m) if sliding else 1.0
+
     def choose(self, *candidates: Candidate) -> Choice:
         """Free these candidates and the tolerances that none of them takes."""
         count = len(self.library.parameters)
@@ -143,8 +148,8 @@ def prepare(
     driven: tuple[Address, ...] = tuple((UNKNOWN + j, "torque_n_m" if turning[j] else "force_n") for j in joints)
 
     def probe(experiment) -> Probe:
-        given = {(e, p) for e, values in experiment.overrides.items() for p in values}
-        own = tuple(tuple(a for a in group if a not in given) for group in addresses)
+        given = model.overridden(experiment.overrides)
+        own = tuple(tuple(a for a in group if (a[0], a[1].partition("[")[0]) not in given) for group in addresses)
         return Probe.of(experiment, model, own, step_s)
 
     fit, held = [probe(e) for e in study.fit], [probe(e) for e in study.held_out]
@@ -187,9 +192,14 @@ def bumps_at(time_s: Float[np.ndarray, " n"], duration_s: float, waves: int) -> 
 
 
 def _drivable(study: Study) -> tuple[str, ...]:
-    held = {e.on[0] for e in study.mechanism.effects if e.kind == "prescribed_motion" and e.on != "all"}
+    """Joints at which an unknown force would show: neither told how to move, nor between two parts that stand still."""
+    told = {id for e in study.mechanism.effects if e.kind == "prescribed_motion" for id in e.on if e.on != "all"}
+    if any(e.kind == "prescribed_motion" and e.on == "all" for e in study.mechanism.effects):
+        return ()
+    still = {b.id for b in study.mechanism.bodies if b.fixed}
     types = ("revolute", "prismatic", "cylindrical", "planar")
     return tuple(
         j.id for j in study.mechanism.joints
-        if j.type in types and j.type not in WITHOUT_COORDINATE and j.id not in held
+        if j.type in types and j.type not in WITHOUT_COORDINATE and j.id not in told
+        and not {j.body_a, j.body_b} <= still
     )  # fmt: skip

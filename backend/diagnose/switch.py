@@ -17,17 +17,22 @@ from backend.effects.catalogue import catalogue
 from backend.effects.shapes import AbstractJointStop
 
 SHARES = (0.25, 0.55, 0.85)  # of the way from the starts to the end of what a joint passes
+LITTLE = 0.02  # rad or mechanism lengths: an end within so short a way is not looked for
 FACTORS = (0.3, 1.5)  # of the expected size
 EARLY = 0.5  # of the records: later, what switched on at another moment has long gone its own way
 
 
 def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarray]) -> Iterator[dict[str, float]]:
-    """Values, by name, to begin a search from. passed: q of each joint (experiments, times) under the drawing."""
+    """Values, by name, to begin a search from. passed: q of each joint that an unknown force would move (experiments,
+    times) under the drawing.
+    """
     if issubclass(catalogue()[candidate.kind], AbstractJointStop):
-        q = passed[candidate.on[0]]
+        q, size = passed.get(candidate.on[0]), subject.size_of(candidate.on[0])
+        if q is None:  # it moves as it is told, or not at all
+            return
         (p,), (take,) = candidate.parameters, candidate.takes
         first, last = (q[:, 0].max(), q.max()) if is_upper(candidate) else (q[:, 0].min(), q.min())
-        if abs(last - first) > 0.02:
+        if abs(last - first) > LITTLE * size:
             yield from ({p.name: float(first + share * (last - first))} for share in SHARES)
         if (drawn := float(subject.neutral[take[0]])) != _default(candidate):
             yield {p.name: drawn}

@@ -20,7 +20,8 @@ from backend.diagnose.adequacy import scaled
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.flutter import flutters, waves
 from backend.diagnose.latent import Latent, evidence, log_mean, markers_and_axes, warp
-from backend.diagnose.subject import bumps_at
+from backend.diagnose.screen import library_slopes
+from backend.diagnose.subject import SAME, bumps_at
 
 CREEP = 0.05  # of the fastest speed: where a law may turn over as dry friction does
 CLOCK = 3  # powers of time by which a clock may run wrong
@@ -45,7 +46,8 @@ def unknown_evidence(
             ways.append(_law_evidence(bare, L / scale, few))
         if place in latent.places:
             ways.append(log_mean(evidence(bare, latent.scaled(place) / scale)))
-        found[place] = log_mean(ways)
+        if ways:
+            found[place] = log_mean(ways)
     return found
 
 
@@ -61,15 +63,19 @@ def _law_evidence(bare: Fitted, L: Float[np.ndarray, "n terms"], few: bool) -> f
 def without_causes(fitted: Fitted) -> Fitted:
     """The same motion and slopes, with what the causes do left unexplained: of no size, they have no shape either."""
     own, choice = fitted.choice.own, fitted.subject.choose()
+    known = fitted.subject.library.parameters
     kept = [p.name for p in choice.parameters]
     names = [p.name for p in fitted.choice.parameters]
     shift = np.where(fitted.choice.sizes, fitted.values[:own] - fitted.choice.start[:own], 0.0)
     r, rest = fitted.r + fitted.J[:, :own] @ shift, fitted.J[:, own:]
     x, precision, held = fitted.x[own:], fitted.precision[own:], fitted.held[own:]
     if missing := [i for i, n in enumerate(kept) if n not in names[own:]]:  # tolerances that a cause had taken
-        at = [names.index(kept[i]) for i in missing]
-        for i, j in zip(missing, at, strict=True):
-            column = fitted.J[:, j]
+        slopes = library_slopes(fitted, SAME, fitted.choice.candidates)
+        takes = [take for c in fitted.choice.candidates for take in c.takes]
+        for i in missing:
+            own_index = next(k for k, p in enumerate(known) if p.name == kept[i])
+            j = next(number for number, take in enumerate(takes) if own_index in take)
+            column = slopes[:, own_index]
             r = r - column * shift[j]
             rest, x = np.insert(rest, i, column, axis=1), np.insert(x, i, fitted.x[j])
             precision, held = np.insert(precision, i, choice.prior_sd[i] ** -2.0), np.insert(held, i, fitted.held[j])

@@ -11,7 +11,7 @@ from backend.diagnose.belief import Belief
 from backend.diagnose.fitted import Fitted
 from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
-from backend.diagnose.shrink import Shrinkage
+from backend.diagnose.shrink import Shrinkage, gap_unit
 from backend.diagnose.subject import Subject
 from backend.diagnose.where import MissingForce, joint_gaps, locations, marker_gaps
 from backend.diagnose.which import Cause
@@ -32,7 +32,7 @@ from backend.mechanism.gap_report import (
     Where,
 )
 
-MOST_CAUSES = 12
+MOST_CAUSES = 12  # those that the data leave standing are listed however many they are
 
 
 def make_report(
@@ -57,12 +57,12 @@ def make_report(
 ) -> GapReport:
     """Everything that was found, in the words of the file format. tried: all sets that were fitted, by their names."""
     none, unknown, chances = _chances(verdict, belief, shrunk)
-    listed = belief.causes[:MOST_CAUSES] if verdict != "none" else belief.causes[:3]
     reported = set(belief.reported)
+    listed = belief.causes[: max([MOST_CAUSES, *(i + 1 for i in reported)])] if verdict != "none" else belief.causes[:3]
     left = 1.0 - none - unknown
     shown = np.array([chances[i] for i in range(len(listed))])
     shown = shown * (left / shown.sum()) if shown.size and shown.sum() > 0 else shown
-    standing = reported if verdict != "none" else set()
+    standing = {i for i in reported if i < MOST_CAUSES} if verdict != "none" else set()
     sds = [_deviations(c, i in standing, scale, softness) for i, c in enumerate(listed)]
     causes = [
         CauseSet(
@@ -75,14 +75,15 @@ def make_report(
     if not causes:
         none, unknown = (1.0, 0.0) if verdict == "none" else (0.0, 1.0)
     weighed = Belief(tuple(listed), shown, belief.log_z[: len(listed)], none, unknown)
+    places = locations(weighed, model_free)
     fitted_gap = _fit_remainder(subject, baseline, best, scale)
     named = listed and verdict not in ("none", "unknown")
     ladder = _ladder(subject, baseline, listed[0], tried, scale) if named else ""
     return GapReport(
         verdict=verdict,
-        sentence=_sentence(verdict, causes, locations(weighed, model_free), shrunk, len(reported), unknown) + ladder,
+        sentence=_sentence(verdict, causes, places, shrunk, len(reported), unknown) + ladder,
         where=Where(
-            locations=locations(weighed, model_free) if verdict != "none" else [],
+            locations=places,
             phases=missing.phases() if missing and verdict != "none" else [],
             markers=marker_gaps(subject, baseline.fitted, scale),
             joints=joint_gaps(subject, baseline.fitted, scale),
@@ -144,8 +145,7 @@ def _effects(cause: Cause, sd: np.ndarray) -> list[CauseEffect]:
 
 
 def _unit(subject: Subject) -> str:
-    units = {c.unit for p in subject.fit for c in p.data.channels}
-    return "m" if "m" in units else "rad"
+    return gap_unit(subject.held_out or subject.fit)
 
 
 def _fit_remainder(subject: Subject, baseline: Cause, best: Cause, scale: float) -> Remainder | None:

@@ -16,6 +16,7 @@ from backend.mechanism.gap_report import JointGap, Location, MarkerGap, Phase
 
 LOUD = 3.0  # sd: what of a missing force is told as a stretch of time
 MOST = 8  # stretches
+FAINTEST = 1e-6  # of the likeliest place: what is less likely is not listed
 
 
 def place_evidence(fitted: Fitted, latent: Latent, scale: float) -> dict[str, float]:
@@ -44,9 +45,10 @@ def locations(belief: Belief, model_free: Mapping[str, float]) -> list[Location]
     rest = 1.0 - known if model_free else 0.0
     for at, p in model_free.items():
         found[at] = found.get(at, 0.0) + rest * p
-    total = sum(found.values())
     ranked = sorted(found.items(), key=lambda pair: -pair[1])
-    return [Location(at=at, probability=p / total) for at, p in ranked if total > 0 and p / total > 1e-6]
+    ranked = [(at, p) for at, p in ranked if p > FAINTEST * ranked[0][1]]
+    total = sum(p for _, p in ranked)
+    return [Location(at=at, probability=p / total) for at, p in ranked]
 
 
 class MissingForce:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from backend.mechanism.apart import set_apart
 from backend.mechanism.drawing_error import known
 from backend.mechanism.effect import Effect, ParameterValue, kind_named
 from backend.mechanism.found_contacts import contacts_declared
@@ -72,7 +73,8 @@ def free_parameters(
 
     option: what the specs were given as, for the sentences.
     """
-    reader = _Reader(contacts_declared(mechanism), option)
+    whole = {e.id for e in mechanism.effects if not _from_fits(kind_named(e.kind), e)}
+    reader = _Reader(contacts_declared(set_apart(mechanism, whole)), option)
     found: dict[str, FreeParameter] = {}
     for spec in (s.strip() for given in specs for s in given.split(",")):
         if spec:
@@ -135,7 +137,13 @@ class _Reader:
 
     def _is_id(self, text: str) -> bool:
         m = self.mechanism
-        return any(p.id == text for group in (m.joints, m.bodies, m.effects, m.markers) for p in group)
+        named = any(p.id == text for group in (m.joints, m.bodies, m.effects, m.markers) for p in group)
+        return named or any(e.id.startswith(f"{text}@") for e in m.effects)
+
+    def _parts(self, kind: EffectKind, id: str) -> list[str]:
+        """The effects that one drawn at several places was set apart into, or the id itself."""
+        parts = [e.id for e in self.mechanism.effects if e.kind == kind.name and e.id.startswith(f"{id}@")]
+        return parts or [id]
 
     def everywhere(self, kind: EffectKind, parameter: str | None, spec: str, but: str = "") -> tuple[str, ...]:
         """All places of a kind that have the parameter, without those named `a+b`."""
@@ -145,11 +153,14 @@ class _Reader:
         return having or tuple(places)  # where none has it, the first one says what there is
 
     def places(self, kind: EffectKind, on: tuple[str, ...] | str, spec: str) -> tuple[str, ...]:
-        """Ids where a kind may act; drawn effects of a kind that joins two bodies."""
+        """Ids where a kind may act; drawn effects of a kind that joins two bodies. What stands still, and one marker of
+        a picture, only by name.
+        """
         m = self.mechanism
         drawn = [e.id for e in m.effects if e.kind == kind.name]
         if kind.acts_on in ("world", "camera"):
-            candidates = [kind.acts_on]
+            able = not kind.names_joints or self._first_joint() is not None
+            candidates = [kind.acts_on] if able else []
         elif kind.name == "prescribed_motion":
             # Only where it is drawn: no value of it means "absent", and added it would hold a free joint still.
             motions = [e for e in m.effects if e.kind == kind.name]
@@ -173,6 +184,11 @@ class _Reader:
             return tuple(candidates)
         if kind.acts_on == "world" and kind.names_joints:
             drawn += [j.id for j in m.joints if kind.suits(j.type)]
+        on = tuple(part for id in on for part in self._parts(kind, id))
+        if kind.acts_on == "body":  # the pins of a base plate may stand elsewhere than drawn
+            drawn += [b.id for b in m.bodies if b.fixed]
+        if kind.acts_on == "camera":  # one marker may be seen otherwise than the rest
+            drawn += [marker.id for marker in m.markers]
         for place in on:
             if place not in candidates and place not in drawn:
                 raise ValueError(f"{kind.name} does not act at '{place}'. {known([*candidates, *drawn])}")
@@ -223,9 +239,10 @@ class _Reader:
         return any(s.name == parameter.partition("[")[0] for s in self._suited(kind, place))
 
     def _suited(self, kind: EffectKind, place: str) -> list[ParameterSpec]:
-        joint = next((j for j in self.mechanism.joints if j.id == place), None)
-        if place == "world" and kind.names_joints:
-            joint = self._first_joint()
+        joint = None
+        if kind.names_joints:  # a body or a marker may have a joint's name
+            joint = next((j for j in self.mechanism.joints if j.id == place), None)
+            joint = self._first_joint() if joint is None and place == "world" else joint
         return [s for s in kind.parameters.values() if joint is None or s.suits(joint.type)]
 
     def _first_joint(self) -> Joint | None:
@@ -267,13 +284,22 @@ class _Reader:
         drawn = {e.id: e for e in (*self.mechanism.effects, *self.added.values())}
         values = []
         for effect_id, name in addresses:
-            given = drawn[effect_id].parameters.get(spec.name) if effect_id in drawn else None
+            effect = drawn.get(effect_id)
+            given = effect.parameters.get(spec.name) if effect else None
+            if given is None and effect and _from_fits(kind, effect):
+                given = self._drawn(kind, effect.on[0]).get(spec.name)
             value = np.broadcast_to(np.asarray(spec.default if given is None else given, float), spec.size)
             values.append(value[components(spec).index(name)])
         start = float(np.mean(np.asarray(values, float)))
         lower = -np.inf if spec.lower is None else spec.lower
         upper = np.inf if spec.upper is None else spec.upper
         return FreeParameter(kind.name, tuple(places), label, number, spec.unit, lower, upper, start, tuple(addresses))
+
+
+def _from_fits(kind: EffectKind, effect: Effect) -> bool:
+    """Whether the joints' fits give what a drawn effect leaves out: then it is another one at each."""
+    lacking = any(spec.drawn and name not in effect.parameters for name, spec in kind.parameters.items())
+    return kind.acts_on == "joint" and lacking
 
 
 def components(spec: ParameterSpec) -> list[str]:

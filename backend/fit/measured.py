@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -65,7 +65,9 @@ class Measured:
 
 
 def measured(experiment: Experiment, model: Model, in_pixels: bool = False) -> Measured:
-    """Gather an experiment's tables; coordinates that were not measured are skipped.
+    """Gather an experiment's tables; coordinates that were not measured are skipped. So is one without a sigma that
+    repeats one number while others of its marker move: written for a plane that nobody measured. Other channels that
+    cannot tell their noise have the largest of those of their unit that can.
 
     in_pixels: tracks as places in the picture; otherwise places in the world, found through the experiment's camera
     where the tracks hold pixels alone.
@@ -74,7 +76,7 @@ def measured(experiment: Experiment, model: Model, in_pixels: bool = False) -> M
     nor estimated.
     """
     release = experiment.release.time_s
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    parts: list[Part] = []
     channels: list[Channel] = []
     for at, coordinate, column, unit, time, value, sigma in _series(experiment, model, in_pixels):
         seen = np.isfinite(value)
@@ -85,10 +87,7 @@ def measured(experiment: Experiment, model: Model, in_pixels: bool = False) -> M
         time, value, sigma = time[seen], value[seen], sigma[seen]
         order = np.argsort(time, kind="stable")
         time, value, sigma = time[order], value[order], sigma[order]
-        try:
-            noise = channel_noise(time, value, sigma, release)
-        except ValueError as error:
-            raise ValueError(f"experiment '{experiment.id}', {at} {coordinate}: {error}") from None
+        noise = channel_noise(time, value, sigma, release)
         channels.append(Channel(at, coordinate, column, unit, noise.source))
         parts.append((time, value, noise.sigma))
     if not parts:
@@ -96,9 +95,35 @@ def measured(experiment: Experiment, model: Model, in_pixels: bool = False) -> M
             f"experiment '{experiment.id}' measured nothing at or after its release at {release:g} s: "
             "check its tables and its clock"
         )
+    channels, parts = _all_noisy(experiment.id, channels, parts)
     lengths = [p[0].size for p in parts]
     time, value, sigma = (np.concatenate([p[i] for p in parts]) for i in range(3))
     return Measured(time, value, sigma, np.repeat(np.arange(len(parts)), lengths), tuple(channels), release)
+
+
+Part = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def _all_noisy(experiment: str, channels: list[Channel], parts: list[Part]) -> tuple[list[Channel], list[Part]]:
+    """Without coordinates that nobody measured, and with a sigma where a channel could not tell its own."""
+    told = [bool(np.all(np.isfinite(sigma))) for _, _, sigma in parts]
+    move = {c.at for c, (_, value, _) in zip(channels, parts, strict=True) if c.unit == "m" and np.ptp(value) > 0.0}
+    kept: list[tuple[Channel, Part]] = []
+    for channel, part, tells in zip(channels, parts, told, strict=True):
+        if not tells:
+            if channel.at in move and channel.coordinate in AXES and np.ptp(part[1]) == 0.0:
+                continue
+            alike = [p[2].max() for c, p, t in zip(channels, parts, told, strict=True) if t and c.unit == channel.unit]
+            if not alike:
+                what = "does not vary at all" if np.ptp(part[1]) == 0.0 else f"has {part[1].size} samples that vary"
+                raise ValueError(
+                    f"experiment '{experiment}', {channel.at} {channel.coordinate} {what}, so its noise cannot be "
+                    f"estimated, nor can that of any other channel in {channel.unit}. Give sigma in the data."
+                )
+            channel = replace(channel, noise="others")
+            part = (*part[:2], np.where(np.isfinite(part[2]), part[2], max(alike)))
+        kept.append((channel, part))
+    return [channel for channel, _ in kept], [part for _, part in kept]
 
 
 def drawn_markers(model: Model) -> dict[str, Float[np.ndarray, "3"]]:

@@ -15,12 +15,17 @@ from jaxtyping import Float
 
 MAD_TO_SIGMA = 1.4826  # of a Gaussian
 ENOUGH_STATIC = 8  # below this the scatter of static frames is itself 25% uncertain
-Source = Literal["given", "static", "third_difference"]
+ROUNDING = 1e-13  # of a channel's largest value: what sums of it scatter by, all equal
+FEWEST = 5  # samples that tell a third difference from chance
+Source = Literal["given", "static", "third_difference", "others"]
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviation of each sample of one channel, in the channel's unit, and where it came from."""
+    """Standard deviation of each sample of one channel, in the channel's unit, and where it came from.
+
+    NaN where the channel cannot tell: it repeats itself, or has too few samples.
+    """
 
     sigma: Float[np.ndarray, " n"]
     source: Source
@@ -32,20 +37,18 @@ def channel_noise(
     given: Float[np.ndarray, " n"] | None = None,
     release_s: float = -np.inf,
 ) -> Noise:
-    """Noise of one channel; `given` may hold NaN where the data leave sigma empty.
-
-    Raises ValueError when nothing can be said: no sigma, and fewer than five samples.
-    """
+    """Noise of one channel; `given` may hold NaN where the data leave sigma empty."""
     given = np.full(value.shape, np.nan) if given is None else np.asarray(given, float)
     known = np.isfinite(given) & (given > 0)
     if np.all(known):
         return Noise(given, "given")
     estimate, source = _estimate(time_s, value, release_s)
     estimate = max(estimate, quantum(value) / np.sqrt(12.0))
-    if estimate == 0.0:  # a picture coded again as it was repeats its places, however far off they are
+    rounding = ROUNDING * float(np.max(np.abs(value)))
+    if estimate <= rounding and value.size >= FEWEST:  # a picture coded as it was repeats its places, however far off
         estimate, source = third_difference_sigma(time_s, value), "third_difference"
-    if np.ptp(value) == 0.0:
-        raise ValueError("The channel does not vary at all, so its noise cannot be estimated. Give sigma in the data.")
+    if estimate <= rounding:
+        estimate = float(np.median(given[known])) if np.any(known) else np.nan
     return Noise(np.where(known, given, estimate), source)
 
 
@@ -53,11 +56,7 @@ def _estimate(time_s, value, release_s) -> tuple[float, Source]:
     held = value[time_s < release_s]
     if held.size >= ENOUGH_STATIC:
         return float(np.std(held, ddof=1)), "static"
-    if value.size < 5:
-        raise ValueError(
-            f"{value.size} samples cannot tell their noise: give sigma in the data, or record at least 5 samples."
-        )
-    return third_difference_sigma(time_s, value), "third_difference"
+    return third_difference_sigma(time_s, value) if value.size >= FEWEST else 0.0, "third_difference"
 
 
 def third_difference_sigma(time_s: Float[np.ndarray, " n"], value: Float[np.ndarray, " n"]) -> float:

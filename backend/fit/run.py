@@ -47,7 +47,7 @@ class Run:
     @classmethod
     def of(cls, experiment: Experiment, model: Model, addresses: Addresses, step_s: float) -> Self:
         """Read the tables and find the start. ValueError names the experiment."""
-        values = {(e, p): v for e, given in experiment.overrides.items() for p, v in given.items()}
+        values = model.overridden(experiment.overrides)
         free = {(effect, name.partition("[")[0]) for group in addresses for effect, name in group}
         if clash := sorted(set(values) & free):
             raise ValueError(

@@ -55,9 +55,7 @@ class Unstated:
 def unstated(study: Study, model: Model, free: Sequence[FreeParameter], added: Sequence[Effect]) -> list[Unstated]:
     """Those of the kinds of effects that have a free parameter."""
     freed = {address for parameter in free for address in parameter.addresses}
-    said = {
-        (e, name) for experiment in study.experiments for e, given in experiment.overrides.items() for name in given
-    }
+    said = {address for experiment in study.experiments for address in model.overridden(experiment.overrides)}
     found: dict[tuple[str, str, float, float, str], list[tuple[str, Address]]] = {}
     for effect in (*study.mechanism.effects, *added):
         if all(effect.id != of for of, _ in freed):

@@ -27,6 +27,7 @@ from backend.model.flexible import split
 from backend.model.model import Model
 from backend.model.state import Start
 from backend.model.system import System
+from backend.simulate.assemble import let_go
 from backend.simulate.assemble import start as closed_start
 from backend.simulate.record import Record, on_steps
 from backend.simulate.rollout import Trajectory
@@ -55,14 +56,15 @@ class Jam:
 def jam(
     mechanism: Mechanism, duration_s: float = 1.0, step_s: float = 1e-3, *, progress: Progress | None = None
 ) -> Jam:
-    """Whether, when, where, why and by what margin a drawing jams, let go from rest in its drawn pose.
+    """Whether, when, where, why and by what margin a drawing jams, let go in its drawn pose: from rest, unless a hand
+    pushes it (`release_velocity`).
 
     Raises ValueError for a duration or step that is not positive, and where loops cannot be closed.
     """
     steps = steps_of(duration_s, step_s)
     model = build(mechanism)
-    pose = assembled(model, plant_of(model))
-    start = Start(pose, jnp.zeros((model.topology.slots, 6)))
+    plant = plant_of(model)
+    start = let_go(plant, assembled(model, plant))
     return _jam(mechanism, None, model, start, None, steps, step_s, progress)
 
 
@@ -75,8 +77,7 @@ def jam_study(
     """
     model, found = build(study.mechanism), {}
     for experiment in study.experiments:
-        values = {(e, p): jnp.asarray(v) for e, given in experiment.overrides.items() for p, v in given.items()}
-        own = model.with_parameters(values)
+        own = model.with_parameters(model.overridden(experiment.overrides))
         data = measured(experiment, own)
         steps = steps_of(duration_s or float(data.time_s.max() - data.release_s), step_s)
         try:

@@ -54,7 +54,8 @@ class JointGap(Part):
 
 
 class Where(Part):
-    """Where the gap lies. locations: from the causes and, as far as they are unknown, model-free; they sum to 1.
+    """Where the gap lies. locations: from the causes and, as far as they are unknown, model-free; they sum to 1, also
+    where there is no gap: then they say where one would most likely be.
 
     model_free: the same from unknown forces and shifts alone, whatever the library says.
     """
@@ -151,3 +152,8 @@ class GapReport(Part):
     warnings: list[str] = Field(default_factory=list)
     tolerance_m: float | None = None
     wall_s: float = 0.0
+
+    @property
+    def suspected(self) -> list[Location]:
+        """Where the gap lies; nowhere if there is none."""
+        return [] if self.verdict == "none" else self.where.locations

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 
 class Part(BaseModel):
     """Base of everything that crosses the file boundary.
 
-    Numbers are numbers (neither text nor true/false), finite, and never rounded.
+    Numbers are numbers (neither text nor true/false), finite, and never rounded. An optional field may be null,
+    which says as much as leaving it out.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _null_is_left_out(cls, document: Any) -> Any:
+        if not isinstance(document, dict) or None not in document.values():
+            return document
+        optional = {name for name, field in cls.model_fields.items() if not field.is_required()}
+        return {name: value for name, value in document.items() if value is not None or name not in optional}
 
 
 def _named(value: str) -> str:

@@ -118,6 +118,12 @@ class Study:
         raise DrawingError(f'there is no experiment "{id}". {known(e.id for e in self.experiments)}')
 
 
+def driven_effects(study: Study) -> frozenset[str]:
+    """Ids of the effects whose value is on record in any experiment."""
+    tables = [e.inputs for e in study.experiments if e.inputs is not None]
+    return frozenset(str(id) for table in tables for id in table["effect"].unique())
+
+
 def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
     """What the study file says about parts that the mechanism does not have, or says twice."""
     for id, count in Counter(experiment.id for experiment in study.experiments).items():
@@ -133,10 +139,15 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
                 yield f'{where}: overrides name effect "{id}", which is not drawn. {known(ids)}'
                 continue
             effect = mechanism.effect(id)
-            joints = {joint.id: joint.type for joint in mechanism.joints if joint.id in effect.on}
             every = effect.on == "all"
+            joints = {joint.id: joint.type for joint in mechanism.joints if not every and joint.id in effect.on}
             kind = kind_named(effect.kind)
             faults = parameter_faults(kind, parameters, joints, every)
+            faults += [
+                f"{name} decides how the effect is built, once for all experiments; draw it so, and remove it here"
+                for name in parameters
+                if name in kind.choices
+            ]
             for fault in faults or order_faults(kind, {**effect.parameters, **parameters}):
                 yield f'{where}: override of effect "{id}": {fault}'
     for index, tolerance in enumerate(study.tolerances, start=1):

@@ -3,7 +3,7 @@
 import dataclasses
 import re
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from backend.effects.effect import AbstractEffect, Declaration
 from backend.effects.shapes import AbstractPush, AbstractSection, Camera
+from backend.mechanism.effect import ParameterValue
 from backend.model.drawing import Drawing
 from backend.model.flexible import whole
 from backend.model.placed import Placed
@@ -99,9 +100,20 @@ class Model(eqx.Module):
             name = component["name"] if component else name
             index, row = model._find(effect_id, name)
             at = (row, int(component["at"])) if component else row
-            leaf = getattr(model.effects[index].effect, name).at[at].set(value)
+            leaf = getattr(model.effects[index].effect, name).at[at].set(jnp.asarray(value))
             model = eqx.tree_at(lambda m, i=index, n=name: getattr(m.effects[i].effect, n), model, leaf)
         return model
+
+    def overridden(self, overrides: Mapping[str, Mapping[str, ParameterValue]]) -> dict[Address, Any]:
+        """Values that an experiment sets otherwise than drawn, by address: of an effect that the model holds once a
+        place (`id@place`), because its places differ, at each.
+        """
+        ids = [id for placed in self.effects for id in placed.ids]
+        found = {}
+        for effect_id, given in overrides.items():
+            rows = [effect_id] if effect_id in ids else [id for id in ids if id.startswith(f"{effect_id}@")]
+            found |= {(id, name): value for id in rows for name, value in given.items()}
+        return found
 
     def _find(self, effect_id: str, name: str) -> tuple[int, int]:
         for index, placed in enumerate(self.effects):

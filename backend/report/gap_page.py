@@ -39,7 +39,7 @@ DRAWN, CORRECTED = "drawing as it is", "with the best cause"
 def write_gap_page(evidence: GapEvidence, path: str | Path) -> Path:
     """Write the report as one HTML file; returns its path."""
     report = evidence.report
-    places = [p for p in report.where.locations if p.probability >= LEAST][:MOST_PLACES]
+    places = [p for p in report.suspected if p.probability >= LEAST][:MOST_PLACES]
     badge, meaning = MEANING[report.verdict]
     channels = evidence.channels[:MOST_CHANNELS]
     return write_page(
@@ -51,7 +51,7 @@ def write_gap_page(evidence: GapEvidence, path: str | Path) -> Path:
         sentence=report.sentence,
         meaning=meaning,
         key_figures=key_figures(report),
-        picture=gap_figure(evidence.mechanism, evidence.pose, {p.at: p.probability for p in report.where.locations}),
+        picture=gap_figure(evidence.mechanism, evidence.pose, {p.at: p.probability for p in report.suspected}),
         places=[Bar(place_name(p.at), p.probability) for p in places],
         forces=missing_forces(evidence),
         force_kind=force_kind(evidence),

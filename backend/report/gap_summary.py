@@ -54,7 +54,7 @@ def gap_text(report: GapReport) -> str:
             lines.append(f"cause     {percent(p):>6} {words}")
     lines += [
         f"place     {percent(where.probability):>6} {place_name(where.at)}"
-        for where in report.where.locations[:4]
+        for where in report.suspected[:4]
         if where.probability >= 0.005
     ]
     unit, factor = at_the_bench(report.shrink.unit)

@@ -88,7 +88,7 @@ def gap_pictures(evidence: GapEvidence) -> Pictures:
 def _gap_story(evidence: GapEvidence) -> dict[str, Any]:
     report = evidence.report
     badge, meaning = MEANING[report.verdict]
-    places = [p for p in report.where.locations if p.probability >= gap_page.LEAST][: gap_page.MOST_PLACES]
+    places = [p for p in report.suspected if p.probability >= gap_page.LEAST][: gap_page.MOST_PLACES]
     return {
         "badge": badge,
         "meaning": meaning,

@@ -52,8 +52,8 @@ class Kept:
             os.close(self.pulse.writing)
 
 
-def supervise(settings: Settings) -> None:
-    """Serve until SIGTERM or Ctrl-C.  Raises OSError where the address cannot be listened on."""
+def supervise(settings: Settings, listens: Callable[[str], None] = lambda url: None) -> None:
+    """Serve until SIGTERM or Ctrl-C.  listens: told the address.  Raises OSError where it cannot be listened on."""
     listening = socket.create_server(
         (settings.host, settings.port), backlog=1024, reuse_port=False,
         family=socket.AF_INET6 if ":" in settings.host else socket.AF_INET,
@@ -78,7 +78,7 @@ def supervise(settings: Settings) -> None:
     workers = [Kept(worker, silence, lambda name: _bury(settings, name)) for _ in range(settings.workers)]
     kept = [Kept(web, silence), *workers]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    print(f"serving   http://{host}:{port}\ndata      {settings.data_folder.resolve()}", flush=True)
+    listens(f"http://{host}:{port}")
     ended = _told_to_end()
     try:
         while not ended():

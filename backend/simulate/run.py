@@ -69,6 +69,8 @@ class Run:
     potential_j: np.ndarray
     constraint_error_m: np.ndarray
     iterations: np.ndarray
+    standing: dict[str, np.ndarray]
+    """Body that stands still -> its pose: origin [m], then quaternion wxyz (7)."""
     result: str
     """'done', or a sentence that says where and why the motion could not be followed further."""
     solve: Solve = "compliance"
@@ -231,6 +233,7 @@ def as_run(name: str, model: Model, plant: System, path: Trajectory, step_s: flo
         potential_j=seen.potential,
         constraint_error_m=seen.constraint_error,
         iterations=np.asarray(path.iterations),
+        standing=dict(zip(topology.fixed_ids, np.asarray(model.drawn_poses)[len(topology.body_ids) :], strict=True)),
         result=_result(plant, path, step_s),
     )
 

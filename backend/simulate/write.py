@@ -30,6 +30,15 @@ def _tables(run: Run) -> list[tuple[str, np.ndarray]]:
     ]
     for field in ("position_m", "quaternion_wxyz", "velocity_m_per_s", "angular_velocity_rad_per_s"):
         tables += [(f"bodies/{body}/{field}", values) for body, values in getattr(run, field).items()]
+    still = np.zeros((len(run.time_s), 3))
+    for body, pose in run.standing.items():
+        fields = {
+            "position_m": still + pose[:3],
+            "quaternion_wxyz": np.tile(pose[3:], (len(run.time_s), 1)),
+            "velocity_m_per_s": still,
+            "angular_velocity_rad_per_s": still,
+        }
+        tables += [(f"bodies/{body}/{field}", values) for field, values in fields.items()]
     for field in ("q", "reaction_force_n", "reaction_torque_n_m"):
         tables += [(f"joints/{joint}/{field}", values) for joint, values in getattr(run, field).items()]
     tables += [(f"markers/{marker}/position_m", values) for marker, values in run.markers_m.items()]

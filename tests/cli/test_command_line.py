@@ -7,9 +7,12 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 from backend.commands.terminal import folder_for, stoppable
+from backend.mechanism.read import read_mechanism
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("jax", "cadquery", "cv2", "av", "pandas", "matplotlib", "fastapi")
@@ -152,6 +155,14 @@ def test_simulate_writes_a_motion_a_page_and_a_report(drawing, tmp_path):
     assert abs(report["energy_j"]["end"] - report["energy_j"]["start"]) < 1e-4 * report["energy_j"]["most_kinetic"]
     for path in report["files"].values():
         assert Path(path).is_file()
+    bodies = read_mechanism(drawing).bodies
+    with h5py.File(report["files"]["motion"]) as file:
+        assert set(file["bodies"]) == {body.id for body in bodies}  # what stands still, too
+        for body in bodies:
+            assert file[f"bodies/{body.id}/quaternion_wxyz"].shape == (201, 4)
+            if body.fixed:
+                assert np.allclose(file[f"bodies/{body.id}/position_m"], body.pose.position_m, atol=1e-15)
+                assert not np.any(file[f"bodies/{body.id}/velocity_m_per_s"])
 
 
 def test_a_step_of_zero_is_refused(drawing):

@@ -43,7 +43,7 @@ def test_a_drawn_end_of_travel_is_tried_where_it_is_drawn_too():
     drawn = fourbar([effect("end", "joint_stop", [fourbar().joints[0].id], lower=-0.6)])
     known = library(drawn, "joint_stop")
     lower, upper = [c for c in known.candidates if c.kind == "joint_stop" and c.on == (drawn.joints[0].id,)]
-    subject: Any = SimpleNamespace(neutral=np.array(known.neutral))
+    subject: Any = SimpleNamespace(neutral=np.array(known.neutral), size_of=lambda joint: 1.0)
     passed = {drawn.joints[0].id: np.array([[0.3, 0.5, -0.5], [0.2, 0.6, -0.6]])}
     found = [next(iter(values.values())) for values in openings(subject, lower, passed)]
     assert found == pytest.approx([*(0.2 - 0.8 * share for share in SHARES), -0.6])

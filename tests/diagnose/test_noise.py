@@ -96,3 +96,26 @@ def test_a_shift_that_follows_a_wild_last_sample_does_not_excuse_it():
     latent = Latent({"marker:m": bumps_at(time, 119.0, 24)}, {"marker:m": 1.0})
     assert not strays(left_over(fitted, latent))[-1]
     assert np.flatnonzero(strays(studentised(fitted, latent))).tolist() == [119]
+
+
+def test_still_frames_that_repeat_to_the_last_digit_leave_the_sigma_of_the_record():
+    rng = np.random.default_rng(7)
+    data = [record(rng, sigma=0.0) for _ in range(3)]
+    for d in data:
+        d.sigma[:] = 2e-4  # as the motion told
+    noise = estimate(data)
+    assert all(np.all(sigma == 2e-4) for sigma in noise.sigma)
+    assert np.all(np.isfinite(noise.whitening(data[0], 0).gain))
+
+
+def test_a_load_cell_does_not_take_over_an_encoders_noise():
+    rng = np.random.default_rng(8)
+    data = []
+    for _ in range(4):
+        d = record(rng, sigma=1e-3, still=40)
+        channels = (Channel("joint:a", "q", 0, "rad", "static"), Channel("joint:a", "effort", 1, "N m", "static"))
+        value = np.where(d.channel == 1, 100.0 * d.value, d.value)
+        data.append(Measured(d.time_s, value, np.where(d.channel == 1, 0.1, 1e-3), d.channel, channels, d.release_s))
+    noise = estimate(data)
+    assert noise.sigma[0][data[0].channel == 0][0] == pytest.approx(1e-3, rel=0.2)
+    assert noise.sigma[0][data[0].channel == 1][0] == pytest.approx(0.1, rel=0.2)

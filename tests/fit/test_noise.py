@@ -51,9 +51,9 @@ def test_sigma_in_the_data_is_believed_and_holes_are_filled():
     assert mixed.sigma[20] == pytest.approx(0.01, rel=0.3)  # third differences of 190 samples
 
 
-def test_a_channel_that_never_changes_asks_for_its_sigma():
-    with pytest.raises(ValueError, match="Give sigma in the data"):
-        channel_noise(np.arange(50.0), np.full(50, 3.0))
+def test_a_channel_that_never_changes_or_is_too_short_does_not_tell_its_noise():
+    assert np.all(np.isnan(channel_noise(np.arange(50.0), np.full(50, 3.0)).sigma))
+    assert np.all(np.isnan(channel_noise(np.arange(4.0), np.arange(4.0) ** 2).sigma))
 
 
 def test_whitening_an_ar1_series_leaves_white_noise_of_the_same_size():

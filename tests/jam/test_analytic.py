@@ -8,6 +8,7 @@ import pytest
 from backend.jam.run import Jam, jam
 from backend.mechanism.jam_report import JamReport
 from tests.jam import cases
+from tests.mechanisms import effect, pendulum
 
 
 @functools.cache
@@ -98,6 +99,14 @@ def test_dead_centres_passed_with_momentum_are_no_jam():
     driven = np.array(seen.report.driven_singular_value)
     assert driven.min() < 0.02 * driven.max()  # it did pass one
     assert seen.run.q["root"].min() < -0.5  # rad: the crank was drawn 0.4 rad before it
+
+
+def test_a_hand_that_pushes_at_the_release_is_no_rest():
+    pushed = pendulum(0.0, effects=[effect("push", "release_velocity", ["world"], rad_per_s=3.0)])
+    seen = jam(pushed, 0.2)
+    assert not seen.report.jammed
+    assert np.ptp(seen.run.q["pin"]) > 0.3
+    assert jam(pendulum(0.0), 0.2).run.q["pin"] == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(("play", "jams"), [(1e-3, True), (1e-4, False)])

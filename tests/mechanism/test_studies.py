@@ -9,6 +9,8 @@ import pytest
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.fit_report import FitReport
 from backend.mechanism.read import parse, parse_study, read_study
+from backend.mechanism.study import StudyFile, study_problems
+from tests.mechanisms import effect, fourbar
 
 TRACKS = "time_s,marker,x_m,y_m,z_m,sigma_m\n0,tip,0.1,,0.2,\n0.01,tip,0.1,,0.2,0.001\n0.02,tip,,,,\n"
 JOINTS = "time_s,joint,q,sigma\n0,j1,0.1,0.001\n0.01,j1,0.2,\n"
@@ -69,6 +71,29 @@ def test_a_study_is_read_with_all_its_tables(study):
     assert found.experiment("e1") is e1
     with pytest.raises(DrawingError, match=r'no experiment "e7".*"e1"'):
         found.experiment("e7")
+
+
+def test_null_says_as_much_as_leaving_an_optional_field_out(study):
+    def nulled(document, tables):
+        document["experiments"][0] |= {"use": None, "overrides": None, "video": None, "release": {"time_s": 0.0,
+                                       "at_rest": None, "window_s": None}}  # fmt: skip
+        document["tolerances"] = None
+
+    found = study(nulled)
+    assert found.experiments[0].use == "fit"
+    assert found.experiments[0].overrides == {}
+    assert found.experiments[0].release.window_s == 0.3
+    assert found.tolerances == ()
+
+
+@pytest.mark.parametrize(("parameters", "faults"), [({"restitution": 0.5}, 0), ({"shape": "rectangle"}, 1)])
+def test_an_experiment_may_change_a_value_but_not_how_an_effect_is_built(parameters, faults):
+    drawn = fourbar([effect("play", "clearance", "all", radial_m=1e-4)])
+    entry = {"id": "e1", "tracks": "t.csv", "release": {"time_s": 0.0}, "overrides": {"play": parameters}}
+    file = StudyFile.model_validate({"mechanism": "mechanism.json", "experiments": [entry]})
+    problems = list(study_problems(file, drawn))
+    assert len(problems) == faults
+    assert all("draw it so" in problem for problem in problems)
 
 
 def test_the_trackers_own_columns_and_statuses_are_kept(study):

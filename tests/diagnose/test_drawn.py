@@ -1,0 +1,124 @@
+"""Libraries for drawings that hold effects, drives and tolerances already: each was an error, or a silent one, once."""
+
+import numpy as np
+import pytest
+
+from backend.diagnose.library import SMOOTH, library
+from backend.mechanism.apart import set_apart
+from backend.mechanism.read import parse_mechanism
+from backend.mechanism.study import Tolerance
+from backend.model.build import build
+from backend.model.system import system
+from tests.mechanisms import document, double_pendulum, drawing, effect, fourbar, pendulum, slider_crank
+
+
+def candidates(mechanism, family=SMOOTH, **given):
+    return {c.name: c for c in library(mechanism, family, **given).candidates}
+
+
+def test_an_effect_on_several_places_is_one_at_each():
+    drawn = slider_crank(effects=[
+        effect("rub", "coulomb_friction", "all", friction_torque_n_m=0.01, friction_force_n=0.2),
+        effect("loose", "clearance", ["main", "wrist"], radial_m=1e-4),
+        effect("drag", "linear_drag", "all", n_s_per_m=0.1),
+        effect("lean", "gravity_tilt", ["world"], roll_rad=0.1),
+    ])  # fmt: skip
+    apart = {e.id: e for e in set_apart(drawn, but={"drag"}).effects}
+    joints = ("main", "crankpin", "wrist", "slide")
+    assert set(apart) == {*(f"rub@{j}" for j in joints), "loose@main", "loose@wrist", "drag", "lean"}
+    assert apart["rub@slide"].parameters == {"friction_force_n": 0.2}
+    assert apart["rub@main"].parameters == {"friction_torque_n_m": 0.01}
+    assert apart["drag"].on == "all"
+    (alone,) = set_apart(pendulum(effects=[effect("rub", "viscous_friction", "all")])).effects
+    assert (alone.id, alone.on) == ("rub", ("pin",))
+
+
+@pytest.mark.parametrize("on", ["all", ["j1", "j2"], ["j1"]])
+def test_drawn_play_is_a_cause_where_it_stands_and_stays_while_another_is_tried(on):
+    drawn = set_apart(fourbar([effect("loose", "clearance", on, radial_m=2e-4)]))
+    known = library(drawn, "clearance")
+    system(build(drawn, known.added))  # never two clearances at one joint
+    plays = {c.name: c for c in known.candidates if c.kind == "clearance"}
+    assert set(plays) == {f"clearance:j{i}" for i in range(1, 5)}
+    neutral = {p.name: value for p, value in zip(known.parameters, known.neutral, strict=True)}
+    assert plays["clearance:j1"].parameters[0].start == 2e-4
+    assert neutral["clearance:j1.radial_m"] == 2e-4
+    assert neutral["clearance:j4.radial_m"] < (1e-3 if on == "all" else 1e-6)
+
+
+def test_drawn_play_begins_at_the_fit_of_its_joint():
+    parts = document(fourbar())
+    parts["effects"] = [{"id": "loose", "kind": "clearance", "on": "all", "parameters": {}}]
+    for joint in parts["joints"]:
+        joint["fit"]["radial_clearance_m"] = 3e-4 if joint["id"] == "j2" else 1e-4
+    (play,) = [c for c in library(set_apart(parse_mechanism(parts)), "clearance").candidates if c.on == ("j2",)
+               and c.kind == "clearance"]  # fmt: skip
+    assert play.parameters[0].start == 3e-4
+
+
+def test_friction_drawn_everywhere_may_be_less_than_drawn_at_one_joint():
+    drawn = set_apart(fourbar([effect("damped", "viscous_friction", "all", damping_n_m_s_per_rad=0.01)]))
+    rub = candidates(drawn)["viscous_friction:j2"]
+    assert [p.start for p in rub.parameters] == [0.01]
+    assert not rub.one_sided.any()
+
+
+def test_a_marker_and_a_joint_of_one_name_are_two_places():
+    parts = document(fourbar())
+    parts["markers"][0]["id"] = "j3"
+    parts["bodies"][0]["id"] = "world"
+    for joint in parts["joints"]:
+        for side in ("body_a", "body_b"):
+            joint[side] = "world" if joint[side] == "ground" else joint[side]
+    found = candidates(parse_mechanism(parts))
+    assert found["marker_offset:j3"].places == ("marker:j3",)
+    assert found["viscous_friction:j3"].places == ("joint:j3",)
+    assert found["gravity_tilt:world"].places == ("world",)
+    assert found["camera_scale:camera"].places == ("camera",)
+
+
+def test_while_one_link_is_tried_the_others_do_not_bend():
+    known = library(double_pendulum(), "link_flexibility")
+    bends = [c for c in known.candidates if c.kind == "link_flexibility"]
+    assert len(bends) == 2
+    for c in bends:
+        stiffness = next(i for i, p in zip(c.takes, c.parameters, strict=True) if p.unit == "N m/rad")
+        assert known.neutral[stiffness[0]] > 1e6
+        assert c.parameters[0].start < 1e3
+
+
+@pytest.mark.parametrize("kind", ["center_of_mass_error", "inertia_error"])
+def test_a_tolerance_of_a_link_leaves_the_others_to_bend(kind):
+    known = library(double_pendulum(), "link_flexibility", [Tolerance(kind=kind, on=["upper"], sd=1e-3)])
+    assert {c.on for c in known.candidates if c.kind == "link_flexibility"} == {("lower",)}
+    assert known.nuisances
+
+
+def test_joints_that_turn_and_joints_that_slide_have_shared_causes_of_their_own():
+    axes = [("a", "revolute", (0, 0, 1)), ("b", "revolute", (0, 0, 1)), ("c", "prismatic", (1, 0, 0)),
+            ("d", "prismatic", (0, 1, 0))]  # fmt: skip
+    links = [document(pendulum())["bodies"][1] | {"id": f"link{i}"} for i in range(4)]
+    ends = ["ground", *(link["id"] for link in links)]
+    joints = [(id, type, ends[i], ends[i + 1], (0.1 * i, 0, 0), axis) for i, (id, type, axis) in enumerate(axes)]
+    found = [c for c in library(drawing("chain", links, joints), SMOOTH).candidates if c.kind == "viscous_friction"]
+    assert len({c.name for c in found}) == len(found) == 6
+
+
+def test_a_joint_whose_effort_is_on_record_may_have_an_offset_beside_it():
+    drawn = pendulum(effects=[effect("motor", "effort_offset", ["pin"], torque_n_m=0.0)])
+    (offset,) = [c for c in library(drawn, SMOOTH, driven=frozenset({"motor"})).candidates if c.kind == "effort_offset"]
+    assert offset.parameters[0].addresses[0][0] != "motor"
+    (plain,) = [c for c in library(drawn, SMOOTH).candidates if c.kind == "effort_offset"]
+    assert plain.parameters[0].addresses[0][0] == "motor"
+
+
+def test_where_no_joint_can_be_pushed_no_push_is_a_cause():
+    parts = document(pendulum())
+    parts["joints"][0]["type"] = "spherical"
+    assert not any(c.kind == "release_velocity" for c in library(parse_mechanism(parts), SMOOTH).candidates)
+    assert any(c.kind == "release_velocity" for c in library(pendulum(), SMOOTH).candidates)
+
+
+def test_neutral_values_are_finite():
+    for family in (SMOOTH, "clearance", "joint_stop", "link_flexibility"):
+        assert np.all(np.isfinite(library(fourbar(), family).neutral))
