@@ -103,6 +103,8 @@ def _once(asked: Asked, file: Path, out: Path | None, answer: Answer) -> None:
         write_pictures(jam_pictures(evidence), place / "pictures.json")
         named = f"{experiment}: " if experiment else ""
         said.append(f"{named}{jam_text(one.report)}\nwrote       {place / 'jam.json'}\nopen        {page}")
+    if study:
+        write_json({"experiments": reports}, folder / "jam.json")
     answer({"experiments": reports} if study else reports[""], "\n".join(said))
 
 

@@ -35,6 +35,7 @@ from backend.model.build import build
 
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
 CLOSE = 8  # explanations that held-out experiments are asked about
+MOST_OF_IT = 0.9  # of the held-out gap: what a form that is a little wrong has to remove
 NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its name, though its form is not the last
 ON_THE_WAY = 2  # smaller sets about whose motion laws of unknown form are weighed, too
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
@@ -164,7 +165,8 @@ class _Inquiry:
             removed = 1.0 - last.power / max(at_base.power, 1e-12)
         complete = best.fitted.fraction == 1.0
         fits = fits and len(best.candidates) <= SURE and not climb.names_a_remainder(best)
-        verdict = "identified" if fits and complete else "approximate" if removed >= 0.9 and complete else "unknown"
+        nearly = removed >= MOST_OF_IT and complete
+        verdict = "identified" if fits and complete else "approximate" if nearly else "unknown"
         return self.report(verdict, baseline, best, enough, about, latent, at_base, p, model_free, first, after)
 
     def tolerated(self, shrunk: Shrinkage) -> bool:
@@ -198,10 +200,12 @@ class _Inquiry:
             foretold = {c.names: self.search.foretold(c, self.scale) for c in near}
             belief = weighed(foretold=foretold)
         shrunk = shrinkage(first, after, self.rng) if first else None
-        nearly_all = shrunk is not None and shrunk.explained is not None and shrunk.explained > NEARLY_ALL
+        explained = None if shrunk is None else shrunk.explained
+        nearly_all = explained is not None and explained > NEARLY_ALL
         doubtful = verdict == "identified" or (verdict == "approximate" and not nearly_all)
         if belief.unknown > DOUBT and verdict == "identified" and not enough:
-            verdict = "approximate"  # the form is a little wrong, so that laws of any form follow what is left better
+            # The form is a little wrong, so that laws of any form follow what is left better.
+            verdict = "approximate" if explained is None or explained >= MOST_OF_IT else "unknown"
         elif doubtful and belief.unknown > DOUBT:
             verdict = "unknown"
         if verdict == "identified" and (len(belief.reported) > 1 or belief.unknown > max(belief.probability)):

@@ -187,7 +187,9 @@ def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
     for name, row in _first_rows(table[key]):
         if name not in ids:
             yield f'row {row}: {key} "{name}" is not drawn; rename it or draw it. {known(ids)}'
-        elif key == "joint" and types[name] in WITHOUT_COORDINATE:
+        elif (
+            key == "joint" and types[name] in WITHOUT_COORDINATE and not (types[name] == "fixed" and "effort" in table)
+        ):
             yield (
                 f'row {row}: joint "{name}" is {types[name]} and has no single position or effort to measure; '
                 "measure markers on its bodies instead"
