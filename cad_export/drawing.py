@@ -228,7 +228,10 @@ class Drawing:
         places: Any = on if on == "all" else [on] if isinstance(on, str) else list(on)
         if effect_kinds()[kind].acts_on in ("body", "bodies") and places != "all":
             places = [self._leader[self._part(name).path] for name in places]
-        values = {name: np.asarray(value, float).tolist() for name, value in parameters.items()}
+        values = {
+            name: value if isinstance(value, str) else np.asarray(value, float).tolist()
+            for name, value in parameters.items()
+        }
         number = sum(effect["kind"] == kind for effect in self._effects) + 1
         self._add_effect(id or f"{kind}_{number}", kind, places, values)
 

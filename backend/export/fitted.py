@@ -3,6 +3,7 @@
 import numpy as np
 
 from backend.fit.free import free_parameters
+from backend.mechanism.apart import set_apart
 from backend.mechanism.effect import Effect, kind_named
 from backend.mechanism.fit_report import FitReport
 from backend.mechanism.mechanism import Mechanism
@@ -14,6 +15,7 @@ def fitted(mechanism: Mechanism, report: FitReport) -> Mechanism:
     A parameter's name in fit.json is the `--free` that freed it, so the same reading finds its effects.  Raises
     ValueError where a name does not belong to this drawing: fit.json and mechanism.json are of different mechanisms.
     """
+    mechanism = set_apart(mechanism)
     try:
         freedom = free_parameters(mechanism, [parameter.name for parameter in report.parameters])
     except ValueError as error:

@@ -15,7 +15,7 @@ from backend.effects.shapes import (
     AbstractJointStop,
     AbstractRateFriction,
 )
-from backend.export.left_out import left_out, unsimulated_limits
+from backend.export.left_out import NO_STOP, left_out, unsimulated_limits
 from backend.export.twin import Effort, Push, Spring, Twin, TwinBody, TwinJoint
 from backend.mechanism.mechanism import Mechanism
 from backend.model.as_made import amended, redraw
@@ -30,7 +30,6 @@ from backend.simulate.run import assembled
 CLOSED = 1e-10  # of the mechanism's length: an assembly would move nothing that another simulator could see
 LINEAR = 1e-9  # relative: a law that is as straight as this is written as a straight one
 FAST = 1e6  # rad/s or m/s at which friction that falls with speed has reached its sliding level
-NO_STOP = 999.0  # rad or m: a stop declared on one side has its other end out here
 
 
 def gather(mechanism: Mechanism) -> Twin:

@@ -38,6 +38,7 @@ from backend.mechanism.mechanism import Mechanism
 from backend.model.model import Model
 from backend.model.placed import Placed
 
+NO_STOP = 999.0  # rad or m: a stop declared on one side has its other end out here
 HARD = 1e-9  # rad/(N m) or m/N: an end of travel that gives no more is rigid
 MANY = 6  # places that a sentence names
 WHOLE = (
@@ -109,7 +110,10 @@ def unsimulated_limits(mechanism: Mechanism) -> Iterator[str]:
 
 
 def _absent(placed: Placed, row: int) -> bool:
-    """Whether an effect does nothing: every size it has is zero."""
+    """Whether an effect does nothing: every size it has is zero, no end of travel is within reach."""
+    if isinstance(placed.effect, AbstractJointStop):
+        stop = jax.tree.map(lambda leaf: leaf[row], placed.effect)
+        return all(abs(float(end)) > NO_STOP for end in stop.ends())
     declared = placed.effect.declarations().items()
     sizes = [n for n, d in declared if d.default == 0.0 or (d.size == 1 and d.lower == 0.0)]
     return all(not np.any(getattr(placed.effect, n)[row]) for n in sizes)

@@ -4,6 +4,7 @@ E. Todorov, T. Erez, Y. Tassa, "MuJoCo: a physics engine for model-based control
 Joint coordinates are the twin's own q.  Drives act by themselves at their drawn size; `ctrl` adds to it.
 """
 
+from collections import Counter
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
@@ -16,6 +17,7 @@ from backend.export.twin import Push, Twin, TwinBody, TwinJoint, physical
 CONSTRAINT_STEPS = 4.0  # time in which an equality takes an error back, in steps; docs/twin.md has others
 IMPEDANCE = "0.9999 0.9999 0.001 0.5 2"  # MuJoCo's largest; with its default loops open a thousand times more
 STOP_DAMPING = 4.0  # over critical: at 1 a stop throws back 14% of the speed
+WORLD = "world:axes"  # the site in whose frame forces along W are read
 BONE = 0.015  # thickness of the sticks that stand for bodies, in sizes of the mechanism
 
 
@@ -42,18 +44,26 @@ def mjcf(twin: Twin, step_s: float | None = None, constraint_steps: float = CONS
     equality = Element("equality")
     for closing in tree.closings:
         _close(twin, tree, closing, made, equality)
+    natives = {native.get("name") for native in world.iter("joint")}
     for joint in twin.joints:
-        if joint.driven is not None and not _grounded(twin, joint):
-            held = numbers([joint.driven, 0, 0, 0, 0])
+        if joint.driven is not None and joint.id in natives:
+            held = numbers([joint.driven - joint.q, 0, 0, 0, 0])  # MuJoCo counts from the drawn place
             SubElement(equality, "joint", name=f"{joint.id}:driven", joint1=joint.id, polycoef=held)
     for id_, body, point in twin.markers:
         SubElement(made[body], "site", name=id_, pos=numbers(point))
+    if any(body.id == "world" for body in twin.bodies):
+        left_out.append(f"body 'world' is called '{_body('world')}' here: MuJoCo keeps that name for its own")
     tendon, actuator = Element("tendon"), Element("actuator")
     _springs(twin, made, tendon)
+    several = Counter(effort.id for effort in twin.efforts)
     for effort in twin.efforts:
-        _drive(actuator, effort.id, effort.size, joint=effort.joint)
+        name = effort.id if several[effort.id] == 1 else f"{effort.id}@{effort.joint}"
+        if effort.joint in natives:
+            _drive(actuator, name, effort.size, joint=effort.joint)
+        else:
+            left_out.append(f"effect '{name}': joint '{effort.joint}' has no coordinate here that it could act along")
     if twin.pushes:
-        SubElement(world, "site", name="world")
+        SubElement(world, "site", name=WORLD)
     for push in twin.pushes:
         _push(twin, push, made, actuator)
     root.extend(part for part in (equality, tendon, actuator) if len(part))
@@ -92,7 +102,12 @@ def _grown(twin: Twin, tree: Tree, world: Element) -> dict[str, Element]:
 
 
 def _placed(parent: Element, name: str, p: np.ndarray, R: np.ndarray) -> Element:
-    return SubElement(parent, "body", name=name, pos=numbers(p), quat=numbers(quaternion(R)))
+    return SubElement(parent, "body", name=_body(name), pos=numbers(p), quat=numbers(quaternion(R)))
+
+
+def _body(id: str) -> str:
+    """A body's name: one that MuJoCo keeps for its own gets another."""
+    return f"{id}:drawn" if id == "world" else id
 
 
 def _on(twin: Twin, carrier: Element, branch: Branch | Closing, name: str) -> Element:
@@ -174,7 +189,8 @@ def _close(twin: Twin, tree: Tree, closing: Closing, made: dict[str, Element], e
         points = [p_A] if closing.how == "connect" else [p_A, p_A + 0.25 * twin.size * axis]
         for n, point in enumerate(points):
             name = joint.id + (":axis" if n else "")
-            SubElement(equality, "connect", name=name, body1=joint.a, body2=joint.b, anchor=numbers(point))
+            ends = {"body1": _body(joint.a), "body2": _body(joint.b)}
+            SubElement(equality, "connect", {"name": name, **ends, "anchor": numbers(point)})
         return
     other = child
     if closing.how == "halves":
@@ -183,7 +199,8 @@ def _close(twin: Twin, tree: Tree, closing: Closing, made: dict[str, Element], e
         _natives(twin, half, closing)
         _weigh(half, twin.body(child), 1.0 / (1 + cuts))
         other, parent = f"{child}:{joint.id}", child
-    SubElement(equality, "weld", name=f"{joint.id}:weld", body1=parent, body2=other, torquescale=numbers(twin.size))
+    ends = {"body1": _body(parent), "body2": _body(other)}
+    SubElement(equality, "weld", {"name": f"{joint.id}:weld", **ends, "torquescale": numbers(twin.size)})
 
 
 def _springs(twin: Twin, made: dict[str, Element], tendon: Element) -> None:
@@ -210,9 +227,10 @@ def _push(twin: Twin, push: Push, made: dict[str, Element], actuator: Element) -
         if body.fixed:
             continue
         point = body.R_WB.T @ (p_W - body.p_WB)
-        SubElement(made[id_], "site", name=push.id + suffix, pos=numbers(point))
+        site = f"{push.id}{suffix}:push"  # a marker may have the effect's name
+        SubElement(made[id_], "site", name=site, pos=numbers(point))
         gear = np.concatenate([np.zeros(3), push.direction] if push.torque else [push.direction, np.zeros(3)])
-        _drive(actuator, push.id + suffix, push.size, site=push.id + suffix, refsite="world", gear=numbers(sign * gear))
+        _drive(actuator, push.id + suffix, push.size, site=site, refsite=WORLD, gear=numbers(sign * gear))
 
 
 def _grounded(twin: Twin, joint: TwinJoint) -> bool:
@@ -223,7 +241,7 @@ def _sentences(twin: Twin) -> list[str]:
     """What MJCF alone does not hold, or holds otherwise."""
     said = [
         f"joint '{joint.id}': its prescribed motion is the equality '{joint.id}:driven', held at {joint.driven:g}; "
-        "another path is set through eq_data, as no ctrl reaches it"
+        f"another path, less {joint.q:g}, is set through eq_data, as no ctrl reaches it"
         for joint in twin.joints
         if joint.driven is not None
     ]

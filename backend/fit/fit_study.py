@@ -35,7 +35,8 @@ from backend.fit.solve import Optimiser, Solution
 from backend.fit.sparse import Sparse
 from backend.fit.starts import scattered
 from backend.fit.unstated import Allowed, unstated
-from backend.mechanism.study import Study
+from backend.mechanism.apart import set_apart
+from backend.mechanism.study import Study, driven_effects
 from backend.model.build import build
 from backend.model.model import Model
 
@@ -81,6 +82,7 @@ def fit_study(
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("A fit needs float64. Set JAX_ENABLE_X64=1 before JAX starts.")
     began = time.perf_counter()
+    study = replace(study, mechanism=set_apart(study.mechanism, driven_effects(study)))
     freedom = free_parameters(study.mechanism, free, study.tolerances)
     if not freedom.parameters:
         raise ValueError(
@@ -134,6 +136,8 @@ def fit_study(
     strikes = model.of(AbstractJointClearance) or model.of(AbstractLinkContact)
     if solution.status == "rough" or (strikes and solution.converged):
         solution = search.over_distance(solution)
+    if not (np.all(np.isfinite(solution.residual)) and np.all(np.isfinite(solution.jacobian))):
+        raise ValueError(f"The motion is lost where the search ended, so that nothing can be said: {solution.message}")
     p, rows = len(residuals.parameters), residuals.rows()
     known = [True] * p + [False] * (solution.x.size - p)
     uncertainty = assess(

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from backend.mechanism.apart import set_apart
+from backend.mechanism.apart import is_mixed, set_apart
 from backend.mechanism.drawing_error import known
 from backend.mechanism.effect import Effect, ParameterValue, kind_named
 from backend.mechanism.found_contacts import contacts_declared
@@ -73,7 +73,8 @@ def free_parameters(
 
     option: what the specs were given as, for the sentences.
     """
-    whole = {e.id for e in mechanism.effects if not _from_fits(kind_named(e.kind), e)}
+    # Where a model of the drawing as it is has one effect a joint, so that addresses are those of its model.
+    whole = {e.id for e in mechanism.effects if not (_from_fits(kind_named(e.kind), e) or is_mixed(mechanism, e))}
     reader = _Reader(contacts_declared(set_apart(mechanism, whole)), option)
     found: dict[str, FreeParameter] = {}
     for spec in (s.strip() for given in specs for s in given.split(",")):
@@ -200,8 +201,16 @@ class _Reader:
         for place in places:
             for name in self._names(kind, place, parameter):
                 takers.setdefault(name, {})[place] = (self._effect(kind, place).id, name)
+        parts = all(place.startswith(f"{label}@") for place in places)  # of one effect, by whose id they go
         return [
-            self._parameter(kind, list(at), label, kind.parameters[name.partition("[")[0]], name, list(at.values()))
+            self._parameter(
+                kind,
+                [label] if parts else list(at),
+                label,
+                kind.parameters[name.partition("[")[0]],
+                name,
+                list(at.values()),
+            )
             for name, at in takers.items()
         ]
 
@@ -241,17 +250,22 @@ class _Reader:
     def _suited(self, kind: EffectKind, place: str) -> list[ParameterSpec]:
         joint = None
         if kind.names_joints:  # a body or a marker may have a joint's name
-            joint = next((j for j in self.mechanism.joints if j.id == place), None)
+            drawn = next((e for e in self.mechanism.effects if e.id == place and e.kind == kind.name), None)
+            at = drawn.on[0] if drawn and drawn.on != "all" else place
+            joint = next((j for j in self.mechanism.joints if j.id == at), None)
             joint = self._first_joint() if joint is None and place == "world" else joint
         return [s for s in kind.parameters.values() if joint is None or s.suits(joint.type)]
 
     def _first_joint(self) -> Joint | None:
         """The joint that a push on the world gives its speed to: the first that moves by itself."""
         m = self.mechanism
-        driven = {id_ for e in m.effects if e.kind == "prescribed_motion" for id_ in e.on}
+        motions = [e.on for e in m.effects if e.kind == "prescribed_motion"]
+        if "all" in motions:
+            return None
+        driven = {id_ for on in motions for id_ in on}
         fixed = {b.id for b in m.bodies if b.fixed}
         moving = (j for j in m.joints if j.type not in WITHOUT_COORDINATE and not {j.body_a, j.body_b} <= fixed)
-        return next((j for j in moving if j.id not in driven and "all" not in driven), None)
+        return next((j for j in moving if j.id not in driven), None)
 
     def _effect(self, kind: EffectKind, place: str) -> Effect:
         """The drawn effect that is, or acts at exactly, this place; otherwise a new one that does nothing yet."""

@@ -243,8 +243,8 @@ class Run:
         if not np.any(early):
             early = since <= since.min()
         only_joints = all(c.coordinate == "q" for c in self.data.channels)
-        if only_joints and not self.moving:
-            return self.start  # the static mean is already the best answer
+        if not self.start.size or (only_joints and not self.moving):
+            return self.start  # nothing to find, or the static mean is already the best answer
         p, last = len(values), {}
 
         def linearise(own: np.ndarray):

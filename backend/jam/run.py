@@ -31,7 +31,7 @@ from backend.simulate.assemble import let_go
 from backend.simulate.assemble import start as closed_start
 from backend.simulate.record import Record, on_steps
 from backend.simulate.rollout import Trajectory
-from backend.simulate.run import Run, as_run, assembled
+from backend.simulate.run import Run, as_run, assembled, check_closed, check_drives
 from backend.simulate.spectrum import real
 
 MOST_STEPS = 1e5
@@ -64,6 +64,7 @@ def jam(
     steps = steps_of(duration_s, step_s)
     model = build(mechanism)
     plant = plant_of(model)
+    check_drives(model, plant)
     start = let_go(plant, assembled(model, plant))
     return _jam(mechanism, None, model, start, None, steps, step_s, progress)
 
@@ -80,13 +81,15 @@ def jam_study(
         own = model.with_parameters(model.overridden(experiment.overrides))
         data = measured(experiment, own)
         steps = steps_of(duration_s or float(data.time_s.max() - data.release_s), step_s)
+        plant = plant_of(own)
         try:
             begin = find_start(own, data, experiment.release)
+            check_closed(plant, begin.reference)
         except ValueError as error:
             raise ValueError(f"experiment '{experiment.id}': {error}") from None
         rates = jnp.zeros(begin.motions.shape[-1]) if experiment.release.at_rest else jnp.asarray(begin.rates)
-        start = _start(plant_of(own), begin.reference, begin.motions, jnp.zeros(begin.motions.shape[-1]), rates)
-        record = _record(experiment, own, step_s, steps, data.release_s)
+        start = _start(plant, begin.reference, begin.motions, jnp.zeros(begin.motions.shape[-1]), rates)
+        record = _record(experiment, own, step_s, steps, data.release_s + float(plant.held_s))
         found[experiment.id] = _jam(study.mechanism, experiment.id, own, start, record, steps, step_s, progress)
     return found
 

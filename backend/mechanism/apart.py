@@ -18,18 +18,33 @@ def set_apart(mechanism: Mechanism, but: Set[str] = frozenset()) -> Mechanism:
 
     but: ids of effects that stay as they are.
     """
-    effects: list[Effect] = []
-    for effect in mechanism.effects:
-        kind = kind_named(effect.kind)
-        places = _places(mechanism, effect, kind)
-        if effect.id in but or not places:
-            effects.append(effect)
-            continue
-        for place in places:
-            given = {name: value for name, value in effect.parameters.items() if _suits(mechanism, kind, name, place)}
-            id = effect.id if len(places) == 1 else f"{effect.id}@{place}"
-            effects.append(effect.model_copy(update={"id": id, "on": (place,), "parameters": given}))
+    effects = [
+        one
+        for effect in mechanism.effects
+        for one in ([effect] if effect.id in but else at_each_place(mechanism, effect))
+    ]
     return mechanism.model_copy(update={"effects": tuple(effects)})
+
+
+def at_each_place(mechanism: Mechanism, effect: Effect) -> list[Effect]:
+    """An effect as one at each joint, body or marker that it stands on, with those of its parameters that fit there."""
+    kind = kind_named(effect.kind)
+    places = _places(mechanism, effect, kind)
+    made = []
+    for place in places:
+        given = {name: value for name, value in effect.parameters.items() if _suits(mechanism, kind, name, place)}
+        id = effect.id if len(places) == 1 else f"{effect.id}@{place}"
+        made.append(effect.model_copy(update={"id": id, "on": (place,), "parameters": given}))
+    return made or [effect]
+
+
+def is_mixed(mechanism: Mechanism, effect: Effect) -> bool:
+    """Whether an effect stands on joints at which different ones of its parameters mean something."""
+    kind = kind_named(effect.kind)
+    if kind.acts_on != "joint":
+        return False
+    given = [frozenset(one.parameters) for one in at_each_place(mechanism, effect)]
+    return any(names != given[0] for names in given)
 
 
 def _places(mechanism: Mechanism, effect: Effect, kind: EffectKind) -> tuple[str, ...]:
@@ -38,10 +53,16 @@ def _places(mechanism: Mechanism, effect: Effect, kind: EffectKind) -> tuple[str
     if effect.on != "all":
         return effect.on
     if kind.acts_on == "joint":
-        return tuple(joint.id for joint in mechanism.joints if kind.suits(joint.type))
+        return tuple(joint.id for joint in mechanism.joints if suits_joint(kind, effect, joint.type))
     if kind.acts_on == "body":
         return tuple(body.id for body in mechanism.moving_bodies())
     return tuple(marker.id for marker in mechanism.markers)
+
+
+def suits_joint(kind: EffectKind, effect: Effect, joint_type: str) -> bool:
+    """Whether an effect on "all" acts at joints of a type: one of the parameters that it gives fits there."""
+    specs = [kind.parameters[name] for name in effect.parameters if name in kind.parameters]
+    return kind.suits(joint_type) and (not specs or any(spec.suits(joint_type) for spec in specs))
 
 
 def _suits(mechanism: Mechanism, kind: EffectKind, name: str, place: str) -> bool:

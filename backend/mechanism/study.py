@@ -140,8 +140,9 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
                 continue
             effect = mechanism.effect(id)
             every = effect.on == "all"
-            joints = {joint.id: joint.type for joint in mechanism.joints if not every and joint.id in effect.on}
             kind = kind_named(effect.kind)
+            named = effect.on if kind.names_joints and not every else ()  # a body or a marker may have a joint's name
+            joints = {joint.id: joint.type for joint in mechanism.joints if joint.id in named}
             faults = parameter_faults(kind, parameters, joints, every)
             faults += [
                 f"{name} decides how the effect is built, once for all experiments; draw it so, and remove it here"

@@ -19,6 +19,7 @@ from backend.effects.shapes import (
     AbstractStrut,
 )
 from backend.joints.catalogue import catalogue, joint_of_type
+from backend.mechanism.apart import at_each_place, is_mixed, suits_joint
 from backend.mechanism.body import Body
 from backend.mechanism.effect import Effect, ParameterValue, kind_named, order_faults
 from backend.mechanism.found_contacts import contacts_declared
@@ -121,7 +122,8 @@ def _length_axis(points: dict[str, Points], body: Body) -> np.ndarray:
 
 def _batches(drawn: Sequence[Effect], topology: Topology, mechanism: Mechanism) -> Iterable[Placed]:
     """All drawn effects, one batch per kind and structure, kinds in alphabetical order."""
-    members = [one for e in drawn for one in _with_drawn_values(e, mechanism)]
+    apart = [one for e in drawn for one in (at_each_place(mechanism, e) if is_mixed(mechanism, e) else [e])]
+    members = [one for e in apart for one in _with_drawn_values(e, mechanism)]
     batches: dict[tuple, list[Effect]] = {}
     for member in members:
         structure = effect_of_kind(member.kind).structure(member.parameters)
@@ -242,7 +244,10 @@ def _joints_of(member: Effect, effect: type[AbstractEffect], mechanism: Mechanis
     """Joints an effect acts at; each must have a coordinate, and what the effect needs there."""
     moving = tuple(type_ for type_, kind in catalogue().items() if kind.coordinate is not None)
     able = {t for d in effect.declarations().values() for t in (d.joint_types or moving)}
-    on = [j.id for j in mechanism.joints if j.type in able] if member.on == "all" else list(member.on)
+    on = list(member.on)
+    if member.on == "all":
+        kind = kind_named(member.kind)
+        on = [j.id for j in mechanism.joints if j.type in able and suits_joint(kind, member, j.type)]
     for id_ in on:
         joint = mechanism.joint(id_)
         if joint.type not in able:

@@ -118,7 +118,7 @@ def simulate(
     model = build(mechanism)
     plant = system(model, tolerance)
     steps = round(duration_s / step_s)
-    _check_drives(model, plant, inputs)
+    check_drives(model, plant, inputs)
     start = let_go(plant, assembled(model, plant))
     record = on_steps(model, inputs, step_s, steps + CHUNK, float(plant.held_s)) if inputs else None
     found = None
@@ -132,8 +132,11 @@ def simulate(
     return dataclasses.replace(run, solve=solve, redundancy=found, kept=kept)
 
 
-def _check_drives(model: Model, plant: System, inputs: Sequence[Series]) -> None:
-    """Refuse a prescribed path that begins elsewhere than the drawing: a step would have to bridge the gap."""
+def check_drives(model: Model, plant: System, inputs: Sequence[Series] = ()) -> None:
+    """Refuse a prescribed path that begins elsewhere than the drawing: a step would have to bridge the gap.
+
+    Raises ValueError naming the effect, its joint and both places.
+    """
     drawn = np.asarray(kinematics.coordinates(plant, kinematics.bodies(plant, drawn_pose(model, plant))))
     first = {address: float(values[0]) for address, _, values in inputs}
     for placed in model.of(AbstractJointMotion):
@@ -152,6 +155,12 @@ def _check_drives(model: Model, plant: System, inputs: Sequence[Series]) -> None
 def assembled(model: Model, plant: System) -> Pose:
     """The closed pose near the drawn one.  Raises ValueError naming the joint that stays open."""
     pose = _closed(plant, drawn_pose(model, plant))
+    check_closed(plant, pose)
+    return pose
+
+
+def check_closed(plant: System, pose: Pose) -> None:
+    """ValueError naming the joint that stays open at a pose that should close all of them."""
     gap = worst_gap(plant, pose)
     length = plant.scale.length_m
     if not (gap.offset_m < OPEN_JOINT * length and gap.tilt_rad < OPEN_JOINT):
@@ -160,7 +169,6 @@ def assembled(model: Model, plant: System) -> Pose:
             f"{math.degrees(gap.tilt_rad):.4g} degrees remain after moving every part; "
             "check the pin positions of the bodies in its loop"
         )
-    return pose
 
 
 def _followed(

@@ -179,6 +179,47 @@ def test_a_prescribed_joint_of_the_copy_stays_where_it_is_held():
     assert np.abs(follow(written.text, 0.5).q["pin"]).max() < 1e-6  # rad: the equality's give under the weight
 
 
+def test_a_prescribed_joint_is_held_where_it_is_drawn():
+    """MuJoCo counts what an equality holds from the drawn place."""
+    parts = document(pendulum(0.5))
+    turned = Rotation.from_euler("z", 0.7)
+    frame = parts["joints"][0]["frame_b"]
+    frame["quaternion_wxyz"] = quaternion(
+        Rotation.from_quat(frame["quaternion_wxyz"], scalar_first=True).as_matrix() @ turned.as_matrix()
+    ).tolist()
+    parts["effects"] = [effect("hand", "prescribed_motion", ["pin"], q=0.7).model_dump(mode="json")]
+    q = follow(mjcf(gather(parse_mechanism(parts))).text, 0.3).q["pin"]
+    assert np.abs(q - 0.7).max() < 1e-6
+
+
+def test_names_that_mujoco_keeps_or_that_stand_twice_are_told_apart():
+    effects = [
+        effect("motor", "effort_offset", ["j1", "j4"], torque_n_m=1e-3),
+        effect("knee", "applied_force", ["coupler"], force_n=0.1, direction=[1, 0, 0], point_m=[0, 0, 0]),
+    ]
+    parts = document(fourbar(effects))
+    parts["bodies"][0]["id"] = "world"
+    for joint in parts["joints"]:
+        for side in ("body_a", "body_b"):
+            joint[side] = "world" if joint[side] == "ground" else joint[side]
+    parts["markers"].append({"id": "world", "body": "world", "position_m": [0, 0, 0]})
+    written = mjcf(gather(parse_mechanism(parts)))
+    model = mujoco.MjModel.from_xml_string(written.text)
+    names = {mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) for i in range(model.nu)}
+    efforts = {name for name in names if name.startswith("motor")}
+    told = [sentence for sentence in written.left_out if sentence.startswith("effect 'motor@")]
+    assert len(efforts) + len(told) == 2  # a joint that closes the loop has no coordinate there
+    assert "knee" in names
+    assert any("'world:drawn'" in sentence for sentence in written.left_out)
+
+
+def test_an_end_of_travel_that_gives_is_told_however_it_answers_a_blow():
+    soft = effect("end", "joint_stop", ["pin"], lower=-0.6, stiffness_n_m_per_rad=50.0)
+    assert any("'end'" in sentence for sentence in mjcf(gather(pendulum(0.5, effects=[soft]))).left_out)
+    rigid = effect("end", "joint_stop", ["pin"], lower=-0.6)
+    assert mjcf(gather(pendulum(0.5, effects=[rigid]))).left_out == ()
+
+
 def test_a_tree_as_urdf_moves_as_it_does_as_mjcf():
     """MuJoCo reads both; URDF's angles are counted from q = 0, and MJCF starts where the twin is drawn.
 

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from backend.fit.free import free_parameters
+from backend.mechanism.apart import set_apart
 from backend.mechanism.effect import Effect
+from backend.mechanism.marker import Marker
 from backend.mechanism.read import parse_mechanism
 from backend.mechanism.study import Tolerance
 
@@ -49,6 +51,30 @@ def test_a_star_frees_every_joint_on_its_own_in_the_unit_of_its_kind(mechanism):
         "coulomb_friction:j2.friction_torque_n_m",
         "coulomb_friction:slide.friction_force_n",
     ]
+
+
+def test_a_drawn_effect_by_its_id_is_free_in_what_suits_its_joint(mechanism):
+    (damping,) = free_parameters(mechanism, ["viscous_friction:grease"]).parameters
+    assert (damping.name, damping.start) == ("viscous_friction:grease.damping_n_m_s_per_rad", 0.3)
+
+
+def test_an_effect_drawn_on_several_joints_is_free_as_one_or_at_each(mechanism):
+    rub = Effect(id="rub", kind="coulomb_friction", on="all", parameters={"friction_torque_n_m": 0.2})
+    drawn = set_apart(mechanism.model_copy(update={"effects": (*mechanism.effects, rub)}))
+    freedom = free_parameters(drawn, ["coulomb_friction:rub"])
+    (one,) = freedom.parameters
+    assert (one.name, one.on, one.start) == ("coulomb_friction:rub.friction_torque_n_m", ("rub",), 0.2)
+    assert [id for id, _ in one.addresses] == ["rub@j1", "rub@j2"]
+    assert freedom.added == ()
+    assert [p.start for p in free_parameters(drawn, ["coulomb_friction:*"]).parameters] == [0.2, 0.2, 0.0]
+
+
+def test_what_stands_still_and_one_marker_of_a_picture_are_free_by_name_only(mechanism):
+    seen = mechanism.model_copy(update={"markers": (Marker(id="m", body="link1", position_m=(0, 0, 0)),)})
+    assert names(seen, "length_error:*") == [f"length_error:{b}.relative" for b in ("link1", "link2", "block")]
+    assert names(seen, "length_error:ground", "camera_scale:m") == [
+        "length_error:ground.relative", "camera_scale:m.relative",
+    ]  # fmt: skip
 
 
 def test_all_shares_one_value_per_unit(mechanism):

@@ -12,6 +12,7 @@ from backend.mechanism.jam_report import JamReport
 from backend.mechanism.read import write_mechanism
 from backend.mechanism.schema import schemas
 from tests.jam import cases
+from tests.mechanisms import effect, pendulum
 
 
 def linktwin(*arguments):
@@ -82,6 +83,12 @@ def test_every_experiment_of_a_study_is_asked(drawing, tmp_path):
 def test_a_motion_without_steps_is_refused_in_a_sentence(changed, words):
     with pytest.raises(ValueError, match=words.replace("+", r"\+")):
         jam(cases.weak_drive(0.01), **{"duration_s": 1.0, **changed})
+
+
+def test_a_path_that_begins_elsewhere_than_the_drawing_is_refused():
+    led = pendulum(effects=[effect("hand", "prescribed_motion", ["pin"], q=0.5)])
+    with pytest.raises(ValueError, match=r"'hand'.*begins at 0\.5 rad"):
+        jam(led, 0.1)
 
 
 def test_a_bad_file_is_refused_with_exit_code_2(tmp_path):

@@ -8,9 +8,9 @@ import pytest
 
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.fit_report import FitReport
-from backend.mechanism.read import parse, parse_study, read_study
+from backend.mechanism.read import parse, parse_mechanism, parse_study, read_study
 from backend.mechanism.study import StudyFile, study_problems
-from tests.mechanisms import effect, fourbar
+from tests.mechanisms import document, effect, fourbar, pendulum
 
 TRACKS = "time_s,marker,x_m,y_m,z_m,sigma_m\n0,tip,0.1,,0.2,\n0.01,tip,0.1,,0.2,0.001\n0.02,tip,,,,\n"
 JOINTS = "time_s,joint,q,sigma\n0,j1,0.1,0.001\n0.01,j1,0.2,\n"
@@ -94,6 +94,14 @@ def test_an_experiment_may_change_a_value_but_not_how_an_effect_is_built(paramet
     problems = list(study_problems(file, drawn))
     assert len(problems) == faults
     assert all("draw it so" in problem for problem in problems)
+
+
+def test_an_override_of_a_bodys_effect_asks_no_joint_of_the_bodys_name():
+    parts = document(pendulum(effects=[effect("wind", "air_drag", ["link"], drag_area_m2=1e-3)]))
+    parts["joints"][0] |= {"id": "link", "type": "spherical"}
+    entry = {"id": "e1", "tracks": "t.csv", "release": {"time_s": 0.0}, "overrides": {"wind": {"drag_area_m2": 2e-3}}}
+    file = StudyFile.model_validate({"mechanism": "mechanism.json", "experiments": [entry]})
+    assert list(study_problems(file, parse_mechanism(parts))) == []
 
 
 def test_the_trackers_own_columns_and_statuses_are_kept(study):

@@ -76,6 +76,18 @@ def test_an_effect_on_all_acts_where_it_can():
     assert on == {"p": ("pin",), "v": ("pin", "rail")}
 
 
+def test_torques_turn_and_forces_slide_whatever_stands_on_all():
+    both = effect("rub", "coulomb_friction", "all", friction_torque_n_m=0.01, friction_force_n=2.0)
+    model = build(bead_on_bar([both]))
+    assert {address: row.value for address, row in model.parameters.items() if "friction" in address[1]} == {
+        ("rub@pin", "friction_torque_n_m"): 0.01, ("rub@pin", "friction_force_n"): 0.0,
+        ("rub@rail", "friction_torque_n_m"): 0.0, ("rub@rail", "friction_force_n"): 2.0,
+    }  # fmt: skip
+    np.testing.assert_allclose(system(model).dry_limit, [0.01, 2.0])
+    torque = effect("rub", "coulomb_friction", "all", friction_torque_n_m=0.01)
+    np.testing.assert_allclose(system(build(bead_on_bar([torque]))).dry_limit, [0.01, 0.0])
+
+
 def test_two_effects_of_one_id_are_refused():
     again = effect("f", "viscous_friction", ["pin"])
     with pytest.raises(ValueError, match="'f' is used twice"):

@@ -167,6 +167,15 @@ def test_a_rigid_group_makes_one_body_while_it_is_not_suppressed(suppressed):
     assert ('"Screw": tied to nothing' in warnings_of(design)) == suppressed
 
 
+def test_what_lies_in_a_component_that_could_not_be_read_is_named_and_left_out():
+    design = pair()
+    design["components"]["Cap"] = component("Cap", solid((0, 0, 0), (0.3, 0.3, 1.0)))
+    design["occurrences"].append({**occurrence("Cap:1"), "path": "Sub:1+Cap:1", "parent": "Sub:1"})
+    design["unread"] = ['component "Sub:1" could not be read']
+    assert "Cap" not in [body.id for body in mechanism_of(design).bodies]
+    assert 'component "Sub:1+Cap:1" is left out' in warnings_of(design)
+
+
 def test_a_suppressed_joint_is_named_and_left_out():
     design = fourbar()
     design["joints"][2]["suppressed"] = True

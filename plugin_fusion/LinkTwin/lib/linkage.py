@@ -31,7 +31,7 @@ def linkage(snapshot: Mapping) -> Linkage:
     """The structure of a snapshot; every joint that is left out is named in the warnings."""
     warnings: list[str] = list(snapshot.get("unread", ()))
     problems: list[str] = []
-    occurrences = _existing(snapshot["occurrences"])
+    occurrences = _existing(snapshot["occurrences"], warnings)
     places = {ROOT: Placement()}
     for occurrence in occurrences:
         try:
@@ -50,12 +50,16 @@ def linkage(snapshot: Mapping) -> Linkage:
     return Linkage(occurrences, places, moving, found, warnings, problems)
 
 
-def _existing(occurrences: Sequence[Mapping]) -> list[Mapping]:
-    """Without what is suppressed, and what lies in it."""
+def _existing(occurrences: Sequence[Mapping], warnings: list[str]) -> list[Mapping]:
+    """Without what is suppressed or could not be read, and what lies in it."""
     gone: set[str] = set()
+    listed = {ROOT, *(occurrence["path"] for occurrence in occurrences)}
     for occurrence in occurrences:
         if occurrence.get("suppressed") or occurrence["parent"] in gone:
             gone.add(occurrence["path"])
+        elif occurrence["parent"] not in listed:
+            gone.add(occurrence["path"])
+            warnings.append(f'component "{occurrence["path"]}" is left out: what it lies in could not be read')
     return [occurrence for occurrence in occurrences if occurrence["path"] not in gone]
 
 
