@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from backend.cli import app
 from backend.observe.measure import track_video
 from backend.observe.stills import still
-from backend.observe.timestamps import check_times, within_ticks
+from backend.observe.timestamps import check_times, played_slower, within_ticks
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Part, Video
 
@@ -208,6 +208,18 @@ def test_slow_motion_that_says_how_it_was_filmed_gets_its_times_back(four_dots, 
     assert Video(true).warnings == []
     dark = repacked(four_dots.path, tmp_path / "dark.mp4", {"movflags": "use_metadata_tags"}, tags=tags, slower=2)
     assert Video(dark).frames_per_s == pytest.approx(120, rel=1e-3)  # a camera that halved its rate, no slow motion
+
+
+@pytest.mark.parametrize(
+    ("filmed", "played", "slower"),
+    [(1000, 30, 100 / 3), (1000, 24, 125 / 3), (960, 25, 38.4), (480, 25, 19.2), (240, 30 / 1.001, 8), (240, 30, 8)],
+)
+def test_slow_motion_is_stretched_by_the_ratio_of_its_rates_whole_or_not(filmed, played, slower):
+    times = np.round(np.delete(np.arange(90), [20, 21, 50]) / played, 3)  # Matroska's milliseconds, dropped frames
+    pace, told = played_slower(times, None, "clip", filmed)
+    # Steps of a millisecond on 86 frames: the pace is known to 1 / 33 / 86.
+    assert 1 / pace == pytest.approx(slower, rel=5e-4)
+    assert f"divided by {1 / pace:.4g}" in told[0]
 
 
 def test_the_command_line_keeps_a_truncated_clip_when_asked(four_dots, tmp_path):
