@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from backend.observe.between_pixels import light_at
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame
 
@@ -86,9 +87,7 @@ def radial_profile(luma: np.ndarray, px: Points, radii: Float[np.ndarray, "r"]) 
     """Luma along rays from each point, interpolated linearly."""
     u = px[:, 0, None, None] + np.cos(ANGLES)[:, None] * radii
     v = px[:, 1, None, None] + np.sin(ANGLES)[:, None] * radii
-    shape = u.shape
-    flat = (u.reshape(len(px), -1).astype(np.float32), v.reshape(len(px), -1).astype(np.float32))
-    return cv2.remap(luma, *flat, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(shape).astype(float)
+    return light_at(luma, u, v)
 
 
 def _halved(frame: Frame) -> UInt8[np.ndarray, "h2 w2"]:

@@ -8,7 +8,7 @@ from backend.blind.render import Look
 from backend.observe.detect import Region, detect
 from backend.observe.dots import learn_look, learn_patch
 from backend.observe.tracking_error import TrackingError
-from backend.observe.video import Video
+from backend.observe.video import Frame, Video
 
 from .scenes import film, four
 
@@ -104,6 +104,18 @@ def test_a_glossy_ball_that_fills_a_fortieth_of_the_picture_is_found(four_dots):
     assert look.area_px == pytest.approx(np.pi * 43**2, rel=0.1)
     found = detect(frame, look)
     assert np.hypot(*(found.px[0] - [300.5, 150.5])) < 3  # the highlight lies on one side
+
+
+def test_a_dot_as_wide_as_a_fifth_of_a_large_picture_is_found():
+    """Its rays hold more points than one row of OpenCV's remap may."""
+    v, u = np.mgrid[:900, :1280]
+    disc, ring = (np.hypot(u - 640.5, v - 450.5) < r for r in (120, 180))
+    luma = np.where(disc, 90, np.where(ring, 220, 150)).astype(np.uint8)
+    cb, cr = (np.where(disc[::2, ::2], k, 128).astype(np.uint8) for k in (90, 180))
+    frame = Frame(0, 0.0, luma, cb, cr, None, 0)
+    look = learn_look(frame, 1)
+    assert look.radius_px == pytest.approx(120, abs=1.0)
+    assert np.hypot(*(detect(frame, look).px[0] - [640.5, 450.5])) < 0.5
 
 
 def test_a_patch_of_any_shape_is_placed_by_the_centroid_of_its_colour(four_dots):
