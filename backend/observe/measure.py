@@ -21,7 +21,7 @@ from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.follow_bed import BedWatch, ShakenView, settle
 from backend.observe.kinematics import kinematics_of
-from backend.observe.label import drawn_positions
+from backend.observe.label import check_clicked, drawn_positions
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import AbstractView, view_in_picture
@@ -104,7 +104,10 @@ def track_video(
     check_units(mechanism, bed, view, heights, (width_px, height_px))
     expected = view.pixels(on_bed, heights)
     clicks = _read_clicks(clicks)
+    check_clicked(clicks, list(drawn))
     tags = read_targets(targets, list(drawn))
+    if clicks and isinstance(tags, dict):
+        warnings.append(f"Tags name themselves: the clicks for {', '.join(clicks)} are left out.")
     places = dict(zip(drawn, expected, strict=True))
     textured = tags if isinstance(tags, Untagged) and tags.way == TEXTURE else None
     if checkpoint and not textured:

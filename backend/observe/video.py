@@ -80,7 +80,7 @@ def read_index(path: str | Path) -> Index:
     stamps: list[int] = []
     damaged = 0
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             if not container.streams.video:
                 raise TrackingError(f"{name} has no picture in it (0 frames read). Give the film, not its sound.")
             stream = container.streams.video[0]
@@ -188,7 +188,7 @@ class Video:
 
     def __iter__(self) -> Iterator[Frame]:
         read, last = -self._before, -np.inf
-        with av.open(str(self.path)) as container:
+        with av.open(str(self.path), metadata_errors="replace") as container:
             stream = container.streams.video[0]
             stream.thread_type, stream.codec_context.thread_count = "AUTO", THREADS
             pictures = container.decode(stream)

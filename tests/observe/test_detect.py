@@ -133,3 +133,13 @@ def test_a_patch_of_any_shape_is_placed_by_the_centroid_of_its_colour(four_dots)
         learn_patch(painted(four_dots, shape), np.array([[500.0, 50.0]]))
     with pytest.raises(TrackingError, match="known by a click"):
         learn_patch(painted(four_dots, shape), np.zeros((0, 2)))
+
+
+@pytest.mark.parametrize("other", [(90, 128), (90, 166)])
+def test_patches_of_two_colours_are_refused_by_where_they_were_clicked(four_dots, other):
+    left, right = np.zeros((2, 360, 640), bool)
+    left[100:140, 100:140], right[100:140, 400:440] = True, True
+    frame, second = painted(four_dots, left, 166, 90), painted(four_dots, right, *other)
+    frame = replace(frame, cb=frame.cb + (second.cb - 128), cr=frame.cr + (second.cr - 128))
+    with pytest.raises(TrackingError, match=r"at \(120, 120\), \(420, 120\).*patches of one colour"):
+        learn_patch(frame, np.array([[120.0, 120.0], [420.0, 120.0]]))

@@ -360,6 +360,14 @@ def test_a_clock_that_leaps_stops_or_runs_back_is_refused(times, says):
         check_times(times, "clip")
 
 
+def test_a_tag_that_is_no_utf8_does_not_stop_a_clip(four_dots, tmp_path):
+    clip = repacked(four_dots.path, tmp_path / "named.mp4", tags={"title": "a bench in Zuerich"})
+    data = clip.read_bytes()
+    assert data.count(b"Zuerich") == 1
+    clip.write_bytes(data.replace(b"Zuerich", b"Z\xfcrich.", 1))  # as Latin-1 spells it
+    assert len(list(Video(clip))) == 60
+
+
 def test_a_part_of_slow_motion_that_notes_no_rate_is_read_with_its_true_times(four_dots, tmp_path):
     slow = repacked(four_dots.path, tmp_path / "slow.mp4", slower=8)
     part = list(Video(slow, part=Part(from_s=0.5, to_s=1.0, filmed_per_s=240)))
