@@ -12,8 +12,8 @@ import pandas as pd
 
 from backend.mechanism.tracks import read_table
 from backend.observe.account import status_counts
-from backend.observe.bed import Bed, read_bed
-from backend.observe.camera import write_camera
+from backend.observe.bed import Bed, read_bed, spare_camera
+from backend.observe.camera import CAMERA, warn_stale, write_camera
 from backend.observe.exchange.camera import footage
 from backend.observe.exchange.formats import OURS, format_of, read_points
 from backend.observe.exchange.from_tracks import WRITERS, export, known_targets
@@ -61,6 +61,8 @@ def convert(
         raise TrackingError("The drawing has no markers; add a marker for each point that was tracked.")
     wrote, renaming = format_of(path), names if isinstance(names, Mapping) else parse_names(names)
     marks = None if bed is None else read_bed(bed)
+    if to == "tracks":
+        spare_camera(bed, folder)
     clip = footage(None if video is None else Path(video), frames_per_s, filmed_per_s)
     if wrote == OURS:
         if to == "tracks":
@@ -78,7 +80,9 @@ def convert(
         folder.mkdir(parents=True, exist_ok=True)
         files = [write_tracks(tracks, folder / "tracks.csv")]
         if shared and shared.camera:
-            files.append(write_camera(shared.camera, folder / "camera.json"))
+            files.append(write_camera(shared.camera, folder / CAMERA))
+        else:
+            notes += warn_stale(folder)
     else:
         files, more = export(tracks, to, drawn, clip, marks, folder, path.name)
         notes += more
