@@ -15,8 +15,10 @@ from typing import Any, cast
 
 import av
 import numpy as np
+from av.container import InputContainer
 from av.error import FFmpegError
 from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
 from jaxtyping import Float, UInt8
 
 from backend.observe.timestamps import check_times, played_slower, within_ticks
@@ -77,8 +79,8 @@ def read_index(path: str | Path) -> Index:
     remedy = "Copy the recording from the camera again; if it plays nowhere, film it again."
     if Path(path).stat().st_size == 0:
         raise TrackingError(f"{name} is empty (0 bytes, 0 frames read). {remedy}")
-    stamps: list[int] = []
-    damaged = 0
+    stamps, ends = list[int](), list[int]()
+    damaged = read = 0
     try:
         with av.open(str(path), metadata_errors="replace") as container:
             if not container.streams.video:
@@ -87,6 +89,7 @@ def read_index(path: str | Path) -> Index:
             base = stream.time_base or Fraction(1)
             try:
                 for packet in container.demux(stream):
+                    read += packet.size > 0
                     if packet.size and not packet.is_discard:
                         damaged += packet.is_corrupt
                         if packet.pts is None:
@@ -95,11 +98,11 @@ def read_index(path: str | Path) -> Index:
                                 "the camera wrote it (mp4 or mov), not a raw stream cut out of it."
                             )
                         stamps.append(packet.pts)
+                        ends.append(packet.pts + (packet.duration or 0))
             except FFmpegError:  # the data ends in the middle of a frame
                 damaged += 1
-            promised, length = stream.frames, stream.duration
-            captured = container.metadata.get("com.android.capture.fps")
-            length_s = float(length * base) if length else float((container.duration or 0) / 1_000_000)
+            promised, captured = stream.frames, container.metadata.get("com.android.capture.fps")
+            length_s, from_zero = _length_s(container, stream)
     except FFmpegError as error:
         raise TrackingError(
             f"{name} cannot be opened as a video ({error.strerror}; 0 frames read). Either it is no video, or "
@@ -110,8 +113,27 @@ def read_index(path: str | Path) -> Index:
         check_times(np.zeros(len(stamps)), name)
         raise TrackingError(f"{name} holds {len(stamps)} frames; motion needs at least two. {remedy}")
     times = np.sort(np.array(stamps, np.int64)) * float(base)
-    seen_s = times[-1] - times[0] + float(np.median(np.diff(times)))
-    return Index(times, promised, max(0.0, float(length_s - seen_s)), int(damaged), _rate(captured), float(base))
+    # The last picture may stand longer than the others.
+    ends_s = max(times[-1] + float(np.median(np.diff(times))), float(max(ends) * base))
+    seen_s = ends_s - (min(times[0], 0.0) if from_zero else times[0])
+    missing_s = 0.0 if read >= promised > 0 else max(0.0, length_s - seen_s)
+    return Index(times, promised, float(missing_s), int(damaged), _rate(captured), float(base))
+
+
+def _length_s(container: InputContainer, stream: VideoStream) -> tuple[float, bool]:
+    """How long the pictures last, by what the file says of them alone [s], and whether from zero or from the first.
+
+    Zero where it does not say.
+    """
+    if stream.duration:
+        return float(stream.duration * (stream.time_base or 1)), False
+    # Matroska and WebM: a tag, "00:01:02.5"; the container's length is that of its longest track, sound included.
+    said = [words for name, words in stream.metadata.items() if name.startswith("DURATION")]
+    try:
+        hours, minutes, seconds = map(float, said[0].split(":"))
+    except (IndexError, ValueError):
+        return float((container.duration or 0) / 1_000_000) if len(container.streams) == 1 else 0.0, True
+    return 3600 * hours + 60 * minutes + seconds, True
 
 
 def _rate(words: str | None) -> float | None:

@@ -95,9 +95,8 @@ def camera_from_bars(
         prior = before(lens, known_heights(bed, markers))
     else:
         fitted, _ = camera.for_picture(*size_px)
-        if (
-            camera.pose and bed.marker_height_m == camera.pose.found_heights_m()
-        ):  # found before, and no better than that
+        # An earlier clip found them to millimetres; taken for measured, they would count as known to half of one.
+        if camera.pose and bed.marker_height_m == camera.pose.found_heights_m():
             bed = bed.model_copy(update={"marker_height_m": None})
         prior = before_of(fitted.model_copy(update={"pose": None}), markers, bed)
     found = adjusted(bed, prior, dots)

@@ -302,6 +302,43 @@ def test_a_truncated_file_says_how_many_frames_it_read_and_keeps_them_on_request
     assert np.nanmedian(np.abs(errors_m(four_dots, result.tracks))) < 1e-4
 
 
+@pytest.mark.parametrize("tagged", [True, False])
+def test_sound_that_goes_on_after_the_pictures_cuts_no_clip_short(four_dots, tmp_path, tagged):
+    """Matroska says how long its longest track is, and of each track only in a tag that not all writers write."""
+    path = tmp_path / "talk.mkv"
+    with av.open(str(four_dots.path)) as given, av.open(str(path), "w") as made:
+        stream = made.add_stream_from_template(given.streams.video[0])
+        sound = made.add_stream("pcm_s16le", rate=8000, layout="mono")
+        for packet in given.demux(video=0):
+            if packet.dts is not None:
+                packet.pts, packet.dts = packet.pts + 100_000, packet.dts + 100_000  # us: the sound begins first
+                packet.stream = stream
+                made.mux(packet)
+        heard = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), format="s16", layout="mono")
+        heard.sample_rate, heard.pts = 8000, 0
+        made.mux(sound.encode(heard))
+    if not tagged:
+        path.write_bytes(path.read_bytes().replace(b"DURATION", b"DURATIOM"))
+    assert len(list(Video(path))) == 60
+    data = path.read_bytes()
+    (tmp_path / "short.mkv").write_bytes(data[: len(data) * 3 // 5])
+    if tagged:
+        with pytest.raises(TrackingError, match="ends too early"):
+            Video(tmp_path / "short.mkv")
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
+def test_a_last_picture_that_stands_long_is_no_missing_end(four_dots, tmp_path, suffix):
+    with av.open(str(four_dots.path)) as given, av.open(str(tmp_path / f"long.{suffix}"), "w") as made:
+        stream = made.add_stream_from_template(given.streams.video[0])
+        packets = [packet for packet in given.demux(video=0) if packet.dts is not None]
+        packets[-1].duration *= 100
+        for packet in packets:
+            packet.stream = stream
+            made.mux(packet)
+    assert not Video(tmp_path / f"long.{suffix}").truncated
+
+
 def test_garbage_in_the_middle_never_ends_in_a_crash(four_dots, tmp_path):
     """A damaged copy is refused or read in part; what is measured stays on the dots or says it is not."""
     data = bytearray(four_dots.path.read_bytes())
