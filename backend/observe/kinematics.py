@@ -103,11 +103,21 @@ class FlatMechanism:
         J[rows, 2, a, 2] += 0.1
         J[rows, 2, b, 2] -= 0.1
         gap[self.turns, 2], J[self.turns, 2] = 0, 0
-        across = self.guide_across[self.slides]
-        gap[self.slides, 0] = (gap[self.slides, :2] * across).sum(1)
-        J[self.slides, 0] = np.einsum("nk,nkbc->nbc", across, J[self.slides, :2])
-        gap[self.slides, 1], J[self.slides, 1] = 0, 0
+        k = np.flatnonzero(self.slides)
+        across, turning = self._across(padded[a[k], 2], k)
+        apart = gap[k, :2]
+        gap[k, 0], gap[k, 1] = (apart * across).sum(1), 0
+        J[k, 0], J[k, 1] = np.einsum("nk,nkbc->nbc", across, J[k, :2]), 0
+        J[k, 0, a[k], 2] += (apart * turning).sum(1)
         return gap.ravel(), J[:, :, :count].reshape(3 * n, count, 3)
+
+    def _across(
+        self, turn: Float[np.ndarray, "n"], which: Int[np.ndarray, "n"]
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
+        """Square to guides that turned with their bodies, and its slope in their turn."""
+        c, s, (x, y) = np.cos(turn), np.sin(turn), self.guide_across[which].T
+        across = np.stack([c * x - s * y, s * x + c * y], 1)
+        return across, np.stack([-across[:, 1], across[:, 0]], 1)
 
 
 class Kinematics:
