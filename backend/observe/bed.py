@@ -140,7 +140,7 @@ def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
         return _checked(bed)
     source = str(bed) if isinstance(bed, str | Path) else "the bed marks"
     bed, camera = _opened(bed)
-    if camera:
+    if camera and isinstance(bed, Mapping):
         bed = {**bed, "camera": read_camera(camera)}
     try:
         return _checked(Bed.model_validate(bed if isinstance(bed, Mapping) else {"marks": bed}))

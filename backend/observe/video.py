@@ -25,6 +25,7 @@ from backend.observe.timestamps import check_times, played_slower, within_ticks
 from backend.observe.tracking_error import TrackingError
 
 THREADS = min(4, os.cpu_count() or 1)  # each decoding thread holds a frame
+SQUARE = 5e-3  # pixels are square but for what rounding to even sides does
 LOST_AT_START = 16  # frames: the reach of a group of pictures that refer to each other
 
 
@@ -55,7 +56,8 @@ class Index:
 
     times_s: presentation times, in order [s].  promised: frames the header announces (0: it does not say).
     missing_s: how much shorter the readable part is than the header says [s].  captured_per_s: the rate at which
-    the camera says it filmed; None where it says nothing.  tick_s: what its stamps count in [s].
+    the camera says it filmed; None where it says nothing.  tick_s: what its stamps count in [s].  pixel_shape: width of
+    a pixel over its height, as it is to be shown.
     """
 
     times_s: Float[np.ndarray, "frame"]
@@ -64,6 +66,7 @@ class Index:
     damaged: int
     captured_per_s: float | None = None
     tick_s: float = 0.0
+    pixel_shape: Fraction = Fraction(1)
 
     @property
     def truncated(self) -> bool:
@@ -103,6 +106,7 @@ def read_index(path: str | Path) -> Index:
                 damaged += 1
             promised, captured = stream.frames, container.metadata.get("com.android.capture.fps")
             length_s, from_zero = _length_s(container, stream)
+            shape = stream.sample_aspect_ratio or Fraction(1)
     except FFmpegError as error:
         raise TrackingError(
             f"{name} cannot be opened as a video ({error.strerror}; 0 frames read). Either it is no video, or "
@@ -117,7 +121,7 @@ def read_index(path: str | Path) -> Index:
     ends_s = max(times[-1] + float(np.median(np.diff(times))), float(max(ends) * base))
     seen_s = ends_s - (min(times[0], 0.0) if from_zero else times[0])
     missing_s = 0.0 if read >= promised > 0 else max(0.0, length_s - seen_s)
-    return Index(times, promised, float(missing_s), int(damaged), _rate(captured), float(base))
+    return Index(times, promised, float(missing_s), int(damaged), _rate(captured), float(base), shape)
 
 
 def _length_s(container: InputContainer, stream: VideoStream) -> tuple[float, bool]:
@@ -143,6 +147,17 @@ def _rate(words: str | None) -> float | None:
     except ValueError:
         return None
     return rate if np.isfinite(rate) and rate > 0 else None
+
+
+def _oblong(shape: Fraction, name: str) -> list[str]:
+    """Whether pixels are not square: they are taken as they are coded, which four marks see through and a stick not."""
+    if abs(shape - 1) < SQUARE:
+        return []
+    return [
+        f"{name} has pixels {float(shape):.4g} times as wide as high ({shape.numerator}:{shape.denominator}), and is "
+        "measured in them as if they were square: that is wrong with a stick or a lens of one focal length, and pixels "
+        f"read off a player are others. Make them square: ffmpeg -i {name} -vf scale=iw*sar:ih,setsar=1 square.mp4"
+    ]
 
 
 @dataclass(frozen=True)
@@ -190,8 +205,8 @@ class Video:
         self.keep_truncated, self.promised = keep_truncated, index.promised
         self._before, self.begins_s = int(kept[0]), float(shown_s[kept[0]])
         self._pace, of_pace = played_slower(times_s, index.captured_per_s, self.name, part.filmed_per_s)
-        self._of_clock = of_ticks + of_pace
-        self.warnings += self._of_clock
+        self._told = of_ticks + of_pace + _oblong(index.pixel_shape, self.name)
+        self.warnings += self._told
         self.slower = 1 / self._pace
         self.times_s = self._pace * times_s
         self.frames_per_s = 1 / float(np.median(np.diff(self.times_s)))
@@ -206,7 +221,7 @@ class Video:
             raise TrackingError(
                 f"{found}. Copy the recording from the camera again, or keep the readable part (--keep-truncated)."
             )
-        self.warnings = [*self._of_clock, f"{found}; the rest is missing from the tracks."]
+        self.warnings = [*self._told, f"{found}; the rest is missing from the tracks."]
 
     def __iter__(self) -> Iterator[Frame]:
         read, last = -self._before, -np.inf

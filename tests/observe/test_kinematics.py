@@ -116,8 +116,8 @@ def test_a_guide_turns_with_the_lever_that_has_it(hidden):
             sd[hidden] = np.inf
         off.append(model.refine(t[n], truth[n], sd)[0] - truth[n])
         model.learn(t[n], truth[n], sd)
-    # At the lever's ends of travel 0.3 mm of play leaves the crank open by sqrt(2 x 0.3 / 40) rad: 5 mm at its pin.  The
-    # same play, 40 mm from the lever's pivot, is 1.1 mm at its tip, in each of two joints.
+    # At the lever's ends of travel 0.3 mm of play leaves the crank open by sqrt(2 x 0.3 / 40) rad: 5 mm at its pin.
+    # The same play, 40 mm from the lever's pivot, is 1.1 mm at its tip, in each of two joints.
     assert np.hypot(*np.array(off)[:, hidden[0]].T).max() < (5e-3 if hidden == [0] else 3e-3)
 
 

@@ -339,6 +339,22 @@ def test_a_last_picture_that_stands_long_is_no_missing_end(four_dots, tmp_path, 
     assert not Video(tmp_path / f"long.{suffix}").truncated
 
 
+def test_pixels_that_are_not_square_are_told_with_their_remedy(four_dots, tmp_path):
+    told = []
+    for width in (64, 96):  # shown as wide as this, for 64 pixels
+        with av.open(str(tmp_path / "tape.mp4"), "w") as made:
+            stream = made.add_stream("libx264", rate=25)
+            stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+            stream.sample_aspect_ratio = Fraction(width, 64)
+            for _ in range(5):
+                made.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8))))
+            made.mux(stream.encode(None))
+        told.append(Video(tmp_path / "tape.mp4").warnings)
+    assert told[0] == []
+    assert "1.5 times as wide as high (3:2)" in told[1][0]
+    assert "setsar=1" in told[1][0]
+
+
 def test_garbage_in_the_middle_never_ends_in_a_crash(four_dots, tmp_path):
     """A damaged copy is refused or read in part; what is measured stays on the dots or says it is not."""
     data = bytearray(four_dots.path.read_bytes())
