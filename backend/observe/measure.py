@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from backend.observe.account import summarise, warn_blank, warn_height, warn_lost, warn_marks, warn_stick
+from backend.observe.account import summarise, warn_blank, warn_height, warn_lost, warn_marks, warn_spatial, warn_stick
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed, spare_camera
 from backend.observe.camera import CAMERA, warn_stale, write_camera
@@ -21,7 +21,7 @@ from backend.observe.carried import TEXTURE, GivenTargets, Untagged, read_target
 from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.follow_bed import BedWatch, ShakenView, settle
-from backend.observe.kinematics import kinematics_of
+from backend.observe.kinematics import kinematics_of, out_of_plane
 from backend.observe.label import check_clicked, drawn_positions
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
@@ -157,6 +157,7 @@ def track_video(
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
+    warnings += warn_spatial(out_of_plane(mechanism, bed.plane), view, px, width_px)
     warnings += warn_stick(bed, view, px, width_px) + warn_blank(watch.followable) + warn_lost(seen, list(drawn), video)
     shared = shared_error(given, bed, view, heights, list(drawn), seen.px, size_px, 1 / video.frames_per_s)
     shared_m = shared.sd_m

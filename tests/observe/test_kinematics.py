@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from backend.mechanism.read import parse_mechanism
-from backend.observe.bed import Plane
-from backend.observe.kinematics import SEEN_M, FlatMechanism, kinematics_of
+from backend.observe.account import warn_spatial
+from backend.observe.bed import Plane, read_bed
+from backend.observe.kinematics import SEEN_M, FlatMechanism, kinematics_of, out_of_plane
+from backend.observe.project import calibrate
 from benchmarks.filming.linkages import fourbar
 
 from .textured_bar import POINTS_M, drawing, turned
@@ -139,6 +141,28 @@ def test_a_mechanism_that_stands_elsewhere_is_not_followed_by_its_kinematics(mec
 def test_a_mechanism_whose_pins_lie_in_the_bed_is_not_flat(mechanism):
     upright = Plane(x_axis=(1.0, 0.0, 0.0), y_axis=(0.0, 0.0, 1.0))
     assert not FlatMechanism(mechanism, upright).flat
+    assert out_of_plane(mechanism, Plane()) == ""
+    assert out_of_plane(mechanism, upright) == f"{mechanism.joints[0].id} (revolute)"
+
+
+def test_a_ball_joint_is_told_as_a_way_out_of_the_plane():
+    flat = drawn_quick_return(0.4)
+    ball = flat.joints[1].model_copy(update={"type": "spherical"})
+    joint = out_of_plane(flat.model_copy(update={"joints": (flat.joints[0], ball, *flat.joints[2:])}), Plane())
+    view = calibrate(read_bed({"marks": known_marks(), "camera_height_m": 0.8}), 1280, 720)
+    (told,) = warn_spatial(joint, view, np.array([[1279.0, 359.5]]), 1280)
+    assert "at pin (spherical)" in told
+    assert "rise by 5 mm are placed up to 2.0 mm too far out" in told  # 320 mm from the middle, 800 mm up
+    assert warn_spatial(out_of_plane(flat, Plane()), view, np.zeros((1, 2)), 1280) == []
+
+
+def known_marks():
+    """Marks seen by a camera square to the bed, 0.5 mm a pixel."""
+    spots = [(-0.3, -0.15), (0.3, -0.15), (0.3, 0.15), (-0.3, 0.15)]
+    return [
+        {"id": str(k), "x_m": x, "y_m": y, "x_px": 639.5 + 2e3 * x, "y_px": 359.5 - 2e3 * y}
+        for k, (x, y) in enumerate(spots)
+    ]
 
 
 def test_a_bar_that_was_lost_is_sought_all_round_its_pin_and_followed_again():
