@@ -23,6 +23,10 @@ def convert(
         Path | None, typer.Option(help="The clip that was tracked, for its clock.", exists=True, dir_okay=False)
     ] = None,
     fps: Annotated[float | None, typer.Option(help="Frames per second, where there is no clip.")] = None,
+    filmed_at: Annotated[
+        float | None,
+        typer.Option(metavar="RATE", min=1.0, help="Frames a second of slow motion that does not note its rate."),
+    ] = None,
     names: Annotated[str, typer.Option(help="theirs=ours,...: equal names need none; theirs= leaves one out.")] = "",
     to: Annotated[str, typer.Option(help="tracks, deeplabcut, sleap or trc.")] = "tracks",
     least_score: Annotated[
@@ -48,6 +52,7 @@ def convert(
                 bed=bed,
                 video=video,
                 frames_per_s=fps,
+                filmed_per_s=filmed_at,
                 names=names,
                 least_score=least_score,
             )

@@ -45,6 +45,19 @@ def warn_height(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> 
     ]
 
 
+def warn_spatial(joint: str, view: AbstractView, px: np.ndarray, width_px: int) -> list[str]:
+    """What leaving the plane would do to the places, in millimetres, where a joint lets parts leave it ("": none)."""
+    if not joint:
+        return []
+    off_m = UNKNOWN_HEIGHT_M * parallax_per_height(view, px, width_px)[0]
+    return [
+        f"By the drawing the mechanism may leave the bed's plane, or lean, at {joint}; it is measured as flat. Dots "
+        f"that rise by {1e3 * UNKNOWN_HEIGHT_M:.0f} mm are placed up to {1e3 * off_m:.1f} mm too far out, and bars "
+        "that lean look short. Measure what moves in the plane alone, or take tracks of all three coordinates "
+        "(linktwin convert)."
+    ]
+
+
 def _listed(bed: Bed) -> list[float]:
     heights = bed.marker_height_m
     if isinstance(heights, dict):

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, ValidationError, model_validator
 
-from backend.observe.camera import Camera, read_camera
+from backend.observe.camera import CAMERA, Camera, read_camera
 from backend.observe.described import Described, Number
 from backend.observe.lens import Lens
 from backend.observe.plane import Plane
@@ -138,15 +138,10 @@ def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
     """A Bed from a file, a list of marks or an object.  Raises TrackingError for what cannot fix the plane."""
     if isinstance(bed, Bed):
         return _checked(bed)
-    source, folder = "the bed marks", Path()
-    if isinstance(bed, str | Path):
-        source, folder = str(bed), Path(bed).parent
-        try:
-            bed = json.loads(Path(bed).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise TrackingError(f"{source} cannot be read as JSON: {error}. Give the file of bed marks.") from error
-    if isinstance(bed, Mapping) and isinstance(bed.get("camera"), str):
-        bed = {**bed, "camera": read_camera(folder / bed["camera"])}
+    source = str(bed) if isinstance(bed, str | Path) else "the bed marks"
+    bed, camera = _opened(bed)
+    if camera and isinstance(bed, Mapping):
+        bed = {**bed, "camera": read_camera(camera)}
     try:
         return _checked(Bed.model_validate(bed if isinstance(bed, Mapping) else {"marks": bed}))
     except ValidationError as error:
@@ -157,9 +152,32 @@ def read_bed(bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any]) -> Bed:
         raise TrackingError(f"{source}: {found}.{marks if of_marks else units}") from error
 
 
+def spare_camera(bed: Any, out_dir: str | Path) -> None:
+    """Refuse to write a clip's camera over the one that its bed file names.  Raises TrackingError."""
+    camera, written = _opened(bed)[1], Path(out_dir) / CAMERA
+    if camera and written.exists() and written.samefile(camera):
+        raise TrackingError(
+            f"{written} is the camera that the bed file names, and the clip's own, with its pose, would be written "
+            "over it. Give another folder: --out."
+        )
+
+
+def _opened(bed: Any) -> tuple[Any, Path | None]:
+    """What a bed file holds, or what is given in its place, and the camera file that it names."""
+    folder = Path()
+    if isinstance(bed, str | Path):
+        folder = Path(bed).parent
+        try:
+            bed = json.loads(Path(bed).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise TrackingError(f"{bed} cannot be read as JSON: {error}. Give the file of bed marks.") from error
+    named = bed.get("camera") if isinstance(bed, Mapping) else None
+    return bed, folder / named if isinstance(named, str) else None
+
+
 def _checked(bed: Bed) -> Bed:
-    if bed.marker_height_m is None and bed.camera and bed.camera.pose and bed.camera.pose.marker_height_m:
-        bed = bed.model_copy(update={"marker_height_m": bed.camera.pose.marker_height_m})
+    if bed.marker_height_m is None and bed.camera and bed.camera.pose:
+        bed = bed.model_copy(update={"marker_height_m": bed.camera.pose.found_heights_m() or None})
     if bed.stick:
         return bed
     ids = [m.id for m in bed.marks] + [f"tag {t.id}" for t in bed.tags]

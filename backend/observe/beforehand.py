@@ -58,7 +58,8 @@ def before(
 def before_of(camera: Camera, markers: Sequence[str], bed: Bed) -> Prior:
     """A calibrated lens and the heights: those that were found with it, unless the bed gives others."""
     pose = camera.pose
-    if pose is None or list(pose.marker_height_m) != list(markers) or bed.marker_height_m != pose.marker_height_m:
+    found = None if pose is None else pose.found_heights_m() or None
+    if pose is None or list(pose.marker_height_m) != list(markers) or bed.marker_height_m != found:
         return before((camera.values(), np.array(camera.covariance)), known_heights(bed, markers))
     whole = np.array(pose.covariance)
     kept = np.r_[0:9, 15 : len(whole)]

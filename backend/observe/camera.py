@@ -13,9 +13,11 @@ from backend.observe.lens import Lens
 from backend.observe.plane import Plane, Vector
 from backend.observe.tracking_error import TrackingError
 
+CAMERA = "camera.json"  # what a clip's own camera is written to
 PARAMETERS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 Pair = tuple[Number, Number]
 POSE_PARAMETERS = ("turn_x_rad", "turn_y_rad", "turn_z_rad", "x_m", "y_m", "z_m")
+GUESSED_M = 0.01  # beforehand.py guesses heights to 20 mm; bars and marks tell them to a few
 SAME_SHAPE = 0.002  # relative: 1920 x 1080 and 854 x 480 have one shape
 
 
@@ -48,6 +50,11 @@ class CameraPose(Described):
     plane: Plane = Plane()
     marker_height_m: dict[str, Number]
     covariance: tuple[tuple[Number, ...], ...]
+
+    def found_heights_m(self) -> dict[str, float]:
+        """The heights that were found or given, by marker [m], without those that were only guessed."""
+        sd = np.sqrt(np.diag(np.array(self.covariance))[len(PARAMETERS) + len(POSE_PARAMETERS) :])
+        return {name: h for (name, h), s in zip(self.marker_height_m.items(), sd, strict=True) if s < GUESSED_M}
 
 
 class Camera(Values):
@@ -130,6 +137,17 @@ def read_camera(path: str | Path) -> Camera:
         raise TrackingError(
             f"{path} is no camera file ({where}: {first['msg']}). Make one with linktwin calibrate."
         ) from error
+
+
+def warn_stale(folder: str | Path) -> list[str]:
+    """Whether a folder, to which tracks without a camera are written, holds a camera of something else."""
+    path = Path(folder) / CAMERA
+    if not path.exists():
+        return []
+    return [
+        f"{path} was there before and is not of these tracks, which have no camera file: do not name it for them. Give "
+        "another --out, or remove it where it is of no use."
+    ]
 
 
 def write_camera(camera: Camera, path: str | Path) -> Path:

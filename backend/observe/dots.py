@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from backend.observe.between_pixels import light_at
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame
 
@@ -86,9 +87,7 @@ def radial_profile(luma: np.ndarray, px: Points, radii: Float[np.ndarray, "r"]) 
     """Luma along rays from each point, interpolated linearly."""
     u = px[:, 0, None, None] + np.cos(ANGLES)[:, None] * radii
     v = px[:, 1, None, None] + np.sin(ANGLES)[:, None] * radii
-    shape = u.shape
-    flat = (u.reshape(len(px), -1).astype(np.float32), v.reshape(len(px), -1).astype(np.float32))
-    return cv2.remap(luma, *flat, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(shape).astype(float)
+    return light_at(luma, u, v)
 
 
 def _halved(frame: Frame) -> UInt8[np.ndarray, "h2 w2"]:
@@ -157,7 +156,7 @@ def learn_look(frame: Frame, expected: int, hint_px: Points | None = None, dark:
 def learn_patch(frame: Frame, hint_px: Points) -> DotLook:
     """The colour and size of the areas that were clicked, of whatever shape.
 
-    Raises TrackingError where nothing was clicked, or what was has no colour of its own.
+    Raises TrackingError where nothing was clicked, or what was has no colour of its own, or not one.
     """
     if not len(hint_px):
         raise TrackingError("A patch of colour is known by a click: give --clicks, for one marker at least.")
@@ -165,16 +164,24 @@ def learn_patch(frame: Frame, hint_px: Points) -> DotLook:
     size = np.array(frame.cb.shape)[::-1]
     at = np.clip(np.round(hint_px / 2).astype(int), 2, size - 3)
     seen = [[np.median(c[v - 2 : v + 3, u - 2 : u + 3]) for c in (frame.cb, frame.cr)] for u, v in at]
-    off = np.median(np.array(seen) - neutral, axis=0)
-    if np.hypot(*off) < MIN_COLOUR:
+    each = np.array(seen) - neutral
+    off, faint = np.median(each, axis=0), np.hypot(*each.T) < MIN_COLOUR
+    if np.hypot(*off) < MIN_COLOUR and faint.any():
+        u, v = hint_px[faint][0]
         raise TrackingError(
-            f"The click at ({hint_px[0, 0]:.0f}, {hint_px[0, 1]:.0f}) is on no colour that stands out from the "
+            f"The click at ({u:.0f}, {v:.0f}) is on no colour that stands out from the "
             'picture\'s own; click a coloured patch, or follow what is printed there ("texture").'
         )
     look = DotLook(neutral, float(np.arctan2(off[1], off[0])), float(np.hypot(*off)), 0.0, 0.0, 0.0, patch=True)
     _, areas, stats, _ = cv2.connectedComponentsWithStats(colour_mask(frame, look).astype(np.uint8), connectivity=8)
     own = np.asarray(areas, int)[at[:, 1], at[:, 0]]
-    area_px = 4.0 * float(np.median(stats[own[own > 0], cv2.CC_STAT_AREA])) if own.any() else 0.0
+    if not own.any():
+        clicked = ", ".join(f"({u:.0f}, {v:.0f})" for u, v in hint_px)
+        raise TrackingError(
+            f"No area that was clicked has the colour that is half-way between those at {clicked}. Click patches of "
+            "one colour, each in its middle; a clip is measured by one colour alone."
+        )
+    area_px = 4.0 * float(np.median(stats[own[own > 0], cv2.CC_STAT_AREA]))
     radius = float(np.sqrt(area_px / np.pi))
     return replace(look, area_px=area_px, radius_px=radius, ring_px=1.5 * radius)
 

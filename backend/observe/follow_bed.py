@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from backend.observe.bed import Bed
+from backend.observe.bed import Bed, spans_a_plane
 from backend.observe.project import AbstractView, calibrate
 from backend.observe.rows import Rows
 from backend.observe.texture import GRAIN_PX, HOLD_PX, NOISE_CODES
+from backend.observe.tracking_error import TrackingError
 
 REACH_PX = 24  # half the side of what is laid over: the middle of a tag of 80 px
 STEPS = 6  # of Lucas and Kanade; a mark moves a few pixels from picture to picture
@@ -131,14 +132,22 @@ def settle(
         if known.sum() > 1:
             for j in (0, 1):
                 level[:, m, j] = np.where(known, np.interp(at, own_s[known, m], px[known, m, j]), np.nan)
-    views, last = [], calibrate(bed, width, height)
+    views = [calibrate(bed, width, height)]
     for n in range(len(px)):
-        use = np.isfinite(level[n, :, 0])
-        if use.sum() >= FEWEST:
-            marks = tuple(m for m, u in zip(bed.marks, use, strict=True) if u)
-            last = calibrate(_with_marks(bed.model_copy(update={"marks": marks}), level[n, use]), width, height)
-        views.append(last)
-    return bed, ShakenView(at, tuple(views))
+        views.append(_view_by(bed, level[n], rows.size_px) or views[-1])
+    return bed, ShakenView(at, tuple(views[1:]))
+
+
+def _view_by(bed: Bed, px: Float[np.ndarray, "mark 2"], size_px: tuple[int, int]) -> AbstractView | None:
+    """The view by the marks that are seen (NaN: not), None where they fix none: too few, or all but one on a line."""
+    use = np.isfinite(px[:, 0])
+    if use.sum() < FEWEST or not (spans_a_plane(bed.metres()[use]) and spans_a_plane(px[use])):
+        return None
+    marks = tuple(m for m, u in zip(bed.marks, use, strict=True) if u)
+    try:
+        return calibrate(_with_marks(bed.model_copy(update={"marks": marks}), px[use]), *size_px)
+    except TrackingError:  # one of them was taken for something else
+        return None
 
 
 def _with_marks(bed: Bed, px: Float[np.ndarray, "mark 2"]) -> Bed:

@@ -7,6 +7,7 @@ before; a dot under somebody's hand is where its bar is.  Least squares by Gauss
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ ROUNDS, GREATEST_TURN, SETTLED_TURN = 12, 0.5, 0.02  # rad: a bar found again ma
 KNOWN = 0.6  # of what its own motion leaves open: a body that is known so much better needs no older memory
 FORGET = 0.7  # of a residual, each time that the dot is seen
 ODD_M = 4e-3  # a drawing whose dots are farther off than this is not what was filmed
-FLAT_TYPES = ("revolute", "fixed", "prismatic")
+FLAT_TYPES = ("revolute", "fixed", "prismatic")  # of which poses are solved for
 
 
 class FlatMechanism:
@@ -37,29 +38,19 @@ class FlatMechanism:
         self.ids = [b.id for b in mechanism.bodies if not b.fixed]
         index = {id: k for k, id in enumerate(self.ids)}
         poses = {b.id: b.pose for b in mechanism.bodies}
-        normal = plane.axes()[2]
 
         def place(body: str, point: Any) -> np.ndarray:
             pose = poses[body]
             world = np.asarray(pose.position_m) + rotation(pose.quaternion_wxyz) @ np.asarray(point)
             return plane.from_world(world)[:2]
 
-        def direction(body: str, frame: Any) -> np.ndarray:
-            return rotation(poses[body].quaternion_wxyz) @ rotation(frame.quaternion_wxyz)[:, 2]
-
         self.origin = np.array([plane.from_world(poses[id].position_m)[:2] for id in self.ids]).reshape(-1, 2)
         self.marker_body = np.array([index.get(m.body, -1) for m in mechanism.markers])
         self.marker_at = np.array([place(m.body, m.position_m) for m in mechanism.markers]).reshape(-1, 2)
         self.flat, pins = True, []
         for joint in mechanism.joints:
-            axis = direction(joint.body_a, joint.frame_a)
-            along = abs(float(axis @ normal))
-            kind = joint.type
-            if (
-                kind not in FLAT_TYPES
-                or (kind == "revolute" and along < 0.999)
-                or (kind == "prismatic" and along > 1e-3)
-            ):
+            axis, kind = _axis(joint, poses), joint.type
+            if kind not in FLAT_TYPES or not _keeps(kind, axis, plane):
                 self.flat = False
                 return
             a, b = index.get(joint.body_a, -1), index.get(joint.body_b, -1)
@@ -103,11 +94,21 @@ class FlatMechanism:
         J[rows, 2, a, 2] += 0.1
         J[rows, 2, b, 2] -= 0.1
         gap[self.turns, 2], J[self.turns, 2] = 0, 0
-        across = self.guide_across[self.slides]
-        gap[self.slides, 0] = (gap[self.slides, :2] * across).sum(1)
-        J[self.slides, 0] = np.einsum("nk,nkbc->nbc", across, J[self.slides, :2])
-        gap[self.slides, 1], J[self.slides, 1] = 0, 0
+        k = np.flatnonzero(self.slides)
+        across, turning = self._across(padded[a[k], 2], k)
+        apart = gap[k, :2]
+        gap[k, 0], gap[k, 1] = (apart * across).sum(1), 0
+        J[k, 0], J[k, 1] = np.einsum("nk,nkbc->nbc", across, J[k, :2]), 0
+        J[k, 0, a[k], 2] += (apart * turning).sum(1)
         return gap.ravel(), J[:, :, :count].reshape(3 * n, count, 3)
+
+    def _across(
+        self, turn: Float[np.ndarray, "n"], which: Int[np.ndarray, "n"]
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
+        """Square to guides that turned with their bodies, and its slope in their turn."""
+        c, s, (x, y) = np.cos(turn), np.sin(turn), self.guide_across[which].T
+        across = np.stack([c * x - s * y, s * x + c * y], 1)
+        return across, np.stack([-across[:, 1], across[:, 0]], 1)
 
 
 class Kinematics:
@@ -202,6 +203,24 @@ def _loose(far_m: Float[np.ndarray, "body"]) -> Float[np.ndarray, "body 3"]:
 
 def _deviations(cov: Float[np.ndarray, "body 3 body 3"]) -> Float[np.ndarray, "body 3"]:
     return np.sqrt(np.einsum("bibi->bi", cov))
+
+
+def _axis(joint: Any, poses: Mapping[str, Any]) -> Float[np.ndarray, "3"]:
+    """A joint's axis as drawn, in W."""
+    return rotation(poses[joint.body_a].quaternion_wxyz) @ rotation(joint.frame_a.quaternion_wxyz)[:, 2]
+
+
+def _keeps(kind: str, axis: Float[np.ndarray, "3"], plane: Plane) -> bool:
+    """Whether a joint keeps its bodies in the bed's plane, or level with it."""
+    along = abs(float(axis @ plane.axes()[2]))
+    return {"fixed": True, "prismatic": along < 1e-3}.get(kind, kind in ("revolute", "planar") and along > 0.999)
+
+
+def out_of_plane(mechanism: Any, plane: Plane) -> str:
+    """The first joint that lets parts leave the bed's plane, or lean, with its type; "" where none does."""
+    poses = {body.id: body.pose for body in mechanism.bodies}
+    loose = (f"{j.id} ({j.type})" for j in mechanism.joints if not _keeps(j.type, _axis(j, poses), plane))
+    return next(loose, "")
 
 
 def kinematics_of(mechanism: Any, plane: Plane, time_s: float, seen_m: np.ndarray) -> Kinematics | None:

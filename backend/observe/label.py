@@ -7,7 +7,7 @@ turned), it is first moved, turned and scaled onto the dots.  What stays doubtfu
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,11 @@ def label_dots(
     Raises TrackingError, with counts and names, when dots are too few or the answer is doubtful.
     """
     names, dots = list(expected_px), np.asarray(dots_px, float)
+    if not len(dots):
+        raise TrackingError(
+            f"{len(names)} markers are drawn, and no target lies clear of the edge of the first picture. Begin where "
+            "all are farther inside (--from SECONDS)."
+        )
     fixed = _clicked(clicks or {}, names, dots, reach_px)
     expected = np.array([expected_px[n] for n in names], float).reshape(-1, 2)
     if len(dots) < len(names):
@@ -89,9 +94,14 @@ def label_dots(
     )
 
 
+def check_clicked(clicks: Iterable[str], markers: Sequence[str]) -> None:
+    """Refuse clicks on what is not drawn.  Raises TrackingError."""
+    if unknown := sorted(set(clicks) - set(markers)):
+        raise TrackingError(f"Clicks name unknown markers {', '.join(unknown)}; the drawing has {', '.join(markers)}.")
+
+
 def _clicked(clicks: Mapping, names: list[str], dots: Points, reach_px: float) -> dict[str, int]:
-    if unknown := sorted(set(clicks) - set(names)):
-        raise TrackingError(f"Clicks name unknown markers {', '.join(unknown)}; the drawing has {', '.join(names)}.")
+    check_clicked(clicks, names)
     found: dict[str, int] = {}
     for name, at in clicks.items():
         away = np.hypot(*(dots - np.asarray(at, float)).T)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,17 +12,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from backend.observe.account import summarise, warn_blank, warn_height, warn_lost, warn_marks, warn_stick
+from backend.observe.account import summarise, warn_blank, warn_height, warn_lost, warn_marks, warn_spatial, warn_stick
 from backend.observe.bars import known_lengths
-from backend.observe.bed import Bed, read_bed
-from backend.observe.camera import write_camera
+from backend.observe.bed import Bed, read_bed, spare_camera
+from backend.observe.camera import CAMERA, warn_stale, write_camera
 from backend.observe.camera_in_clip import shared_error
 from backend.observe.carried import TEXTURE, GivenTargets, Untagged, read_targets
 from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.follow_bed import BedWatch, ShakenView, settle
-from backend.observe.kinematics import kinematics_of
-from backend.observe.label import drawn_positions
+from backend.observe.kinematics import kinematics_of, out_of_plane
+from backend.observe.label import check_clicked, drawn_positions
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
 from backend.observe.project import AbstractView, view_in_picture
@@ -84,6 +85,7 @@ def track_video(
     Raises TrackingError with a sentence where the clip, the marks or the dots cannot be used.
     """
     bed, out = read_bed(bed_marks), Path(out_dir)
+    spare_camera(bed_marks, out)
     drawn = drawn_positions(mechanism)
     if not drawn:
         raise TrackingError("The drawing has no markers; add a marker for each dot that is to be followed.")
@@ -104,7 +106,10 @@ def track_video(
     check_units(mechanism, bed, view, heights, (width_px, height_px))
     expected = view.pixels(on_bed, heights)
     clicks = _read_clicks(clicks)
+    check_clicked(clicks, list(drawn))
     tags = read_targets(targets, list(drawn))
+    if clicks and isinstance(tags, dict):
+        warnings.append(f"Tags name themselves: the clicks for {', '.join(clicks)} are left out.")
     places = dict(zip(drawn, expected, strict=True))
     textured = tags if isinstance(tags, Untagged) and tags.way == TEXTURE else None
     if checkpoint and not textured:
@@ -123,7 +128,6 @@ def track_video(
     slope = np.abs(np.linalg.det(view.slope(expected, heights))).mean() ** 0.5  # metres per pixel
     out.mkdir(parents=True, exist_ok=True)
     preview_path = out / "preview.mp4" if preview else None
-    painter = Preview(preview_path, video.frames_per_s, (width_px, height_px)) if preview_path else None
     start_px = on_pins.found.px[on_pins.order]
     each = ConstantVelocity(first.time_s, start_px, GREATEST_ACCELERATION / slope)
     at = view.metres(start_px[: len(drawn)], heights)
@@ -133,12 +137,9 @@ def track_video(
     together = kinematics_of(mechanism, bed.plane, first.time_s, at)
     on_pins.start(Linked(each, together, view, heights) if together else each)
     watch = BedWatch(bed.pixels(), first.luma, video.frame_count)
-    try:
-        seen = _follow(first, pictures, on_pins, list(drawn), watch, painter, progress, video.frame_count)
-    finally:
-        if painter:
-            painter.close()
     size_px, marks = (width_px, height_px), bed
+    with Preview(preview_path, video.frames_per_s, size_px) if preview_path else nullcontext() as painter:
+        seen = _follow(first, pictures, on_pins, list(drawn), watch, painter, progress, video.frame_count)
     rows = Rows(size_px, first.quarter_turns)
     bed, shaken = settle(marks, watch.result(), seen.times_s, rows)
     view = view_in_picture(bed, *size_px)
@@ -156,6 +157,7 @@ def track_video(
         warnings.append("The camera moved; every picture has its own pose, from the bed marks seen in it.")
     px = seen.px[np.isfinite(seen.px[..., 0])]
     warnings += video.warnings + warn_height(bed, view, px, width_px) + warn_marks(bed, view)
+    warnings += warn_spatial(out_of_plane(mechanism, bed.plane), view, px, width_px)
     warnings += warn_stick(bed, view, px, width_px) + warn_blank(watch.followable) + warn_lost(seen, list(drawn), video)
     shared = shared_error(given, bed, view, heights, list(drawn), seen.px, size_px, 1 / video.frames_per_s)
     shared_m = shared.sd_m
@@ -168,7 +170,9 @@ def track_video(
     if shared.camera and not shaken:  # one pose for the whole clip, from its marks
         summary["warnings"] += shared.notes
         summary["tolerances"] = list(shared.tolerances)
-        write_camera(shared.camera, out / "camera.json")
+        write_camera(shared.camera, out / CAMERA)
+    else:
+        summary["warnings"] += warn_stale(out)
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
     return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)

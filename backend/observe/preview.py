@@ -22,7 +22,8 @@ COLOURS = {"observed": (80, 220, 80), "outlier": (0, 140, 255), "occluded": (60,
 class Preview:
     """Writes at most `shown_per_s` pictures of every second filmed, played at 30 pictures a second.
 
-    Until it is closed the last of them lies beside it, every second anew, for whoever watches the work.
+    Used as a context, at whose end the clip takes its place; one that was broken off leaves an earlier clip as it was.
+    Until then the last picture lies beside it, every second anew, for whoever watches the work.
     """
 
     def __init__(self, path: Path, frames_per_s: float, size_px: tuple[int, int], shown_per_s: float = 60.0):
@@ -30,7 +31,8 @@ class Preview:
         self.scale = min(1.0, WIDTH_PX / size_px[0])
         self.width, self.height = (int(s * self.scale) // 2 * 2 for s in size_px)
         self.watching, self._shown_at = path.with_name(WATCHING), -WATCHED_EVERY_S
-        self.container = av.open(str(path), "w")
+        self.path, self.part = path, path.with_name(f".{path.name}")
+        self.container = av.open(str(self.part), "w")
         self.stream = self.container.add_stream("libx264", rate=PLAYED_PER_S)
         self.stream.width, self.stream.height, self.stream.pix_fmt = self.width, self.height, "yuv420p"
         self.stream.options = {"preset": "ultrafast", "crf": "26"}
@@ -56,8 +58,15 @@ class Preview:
             part.write_bytes(cv2.imencode(".jpg", picture, (cv2.IMWRITE_JPEG_QUALITY, 80))[1].tobytes())
             part.replace(self.watching)  # never seen half written
 
-    def close(self) -> None:
-        """Finish the file; nothing is left to watch."""
+    def __enter__(self) -> Preview:
+        return self
+
+    def __exit__(self, broken: type[BaseException] | None, *_: object) -> None:
+        """Finish the file, or drop it; nothing is left to watch."""
         self.watching.unlink(missing_ok=True)
         self.container.mux(self.stream.encode(None))
         self.container.close()
+        if broken:
+            self.part.unlink()
+        else:
+            self.part.replace(self.path)

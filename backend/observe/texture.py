@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from backend.observe.between_pixels import light_at
 from backend.observe.carried import REACH_PX
 from backend.observe.detect import Detections
 from backend.observe.track import Expected, Predictor
@@ -48,8 +49,8 @@ class Surroundings:
         self.solve = np.linalg.pinv(self.basis)
 
     def _sample(self, luma: np.ndarray, warp: Warp) -> Float[np.ndarray, "n k"]:
-        at = (warp @ self.at).astype(np.float32)
-        return cv2.remap(luma, at[:, 0], at[:, 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE).astype(float)
+        at = warp @ self.at
+        return light_at(luma, at[:, 0], at[:, 1], cv2.INTER_CUBIC)
 
     def noise_px2(self, codes: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n 2 2"]:
         """What so much noise in every pixel does to a place."""

@@ -16,6 +16,7 @@ STEADY_FRAMES = 9  # a change of pace that lasts this long is no dropped frame
 RAMP_FACTOR = 2.5  # a phone in the dark halves its rate; slow motion is stretched 4 to 8 times
 FINE_S = 1e-4  # ticks shorter than this move a dot at 1 m/s by less than 0.03 mm
 WITHIN_TICKS = 1.25  # stamps of an even pace, rounded, scatter by one tick; a quarter for a pace that is fitted
+NTSC = 0.002  # 240 of a camera may be 239.76: 1.001, and as much again
 GAP_FRAMES = 12  # a longer hole cannot be bridged by predicting where the dots went
 
 ORIGINAL = (
@@ -32,14 +33,16 @@ def played_slower(
     Some cameras write slow motion as one even clip at 30 frames a second, and the rate at which it was filmed
     beside it (`com.android.capture.fps`).  Others note nothing; who knows the rate says it: filmed_per_s.
     """
-    played_per_s = 1 / float(np.median(np.diff(times_s)))
+    step = np.diff(times_s)
+    # The mean of what is no gap: the median of 33 and 34 ms is not a thirtieth of a second.
+    played_per_s = 1 / float(step[np.abs(step / np.median(step) - 1) < 0.5].mean())
     if filmed_per_s is None and (captured_per_s is None or captured_per_s < RAMP_FACTOR * played_per_s):
         return 1.0, []
     said = "as its camera noted" if filmed_per_s is None else "as was said"
     captured_per_s = filmed_per_s or captured_per_s or played_per_s
     slower = captured_per_s / played_per_s
-    # Stretched a whole number of times; one step of a coarse clock tells it no better than a thousandth.
-    slower = round(slower) if abs(slower - round(slower)) < 0.02 * slower else slower
+    # Stretched a whole number of times, where that is meant: 1000 played at 30 is 33.3 times.
+    slower = round(slower) if abs(slower - round(slower)) < min(NTSC * slower, 0.1) else slower
     return 1 / slower, [
         f"{name} was filmed at {captured_per_s:.4g} frames a second, {said}, and plays at "
         f"{played_per_s:.4g}: its times are divided by {slower:.4g}."

@@ -15,14 +15,17 @@ from typing import Any, cast
 
 import av
 import numpy as np
+from av.container import InputContainer
 from av.error import FFmpegError
 from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
 from jaxtyping import Float, UInt8
 
 from backend.observe.timestamps import check_times, played_slower, within_ticks
 from backend.observe.tracking_error import TrackingError
 
 THREADS = min(4, os.cpu_count() or 1)  # each decoding thread holds a frame
+SQUARE = 5e-3  # pixels are square but for what rounding to even sides does
 LOST_AT_START = 16  # frames: the reach of a group of pictures that refer to each other
 
 
@@ -53,7 +56,8 @@ class Index:
 
     times_s: presentation times, in order [s].  promised: frames the header announces (0: it does not say).
     missing_s: how much shorter the readable part is than the header says [s].  captured_per_s: the rate at which
-    the camera says it filmed; None where it says nothing.  tick_s: what its stamps count in [s].
+    the camera says it filmed; None where it says nothing.  tick_s: what its stamps count in [s].  pixel_shape: width of
+    a pixel over its height, as it is to be shown.
     """
 
     times_s: Float[np.ndarray, "frame"]
@@ -62,6 +66,7 @@ class Index:
     damaged: int
     captured_per_s: float | None = None
     tick_s: float = 0.0
+    pixel_shape: Fraction = Fraction(1)
 
     @property
     def truncated(self) -> bool:
@@ -77,16 +82,17 @@ def read_index(path: str | Path) -> Index:
     remedy = "Copy the recording from the camera again; if it plays nowhere, film it again."
     if Path(path).stat().st_size == 0:
         raise TrackingError(f"{name} is empty (0 bytes, 0 frames read). {remedy}")
-    stamps: list[int] = []
-    damaged = 0
+    stamps, ends = list[int](), list[int]()
+    damaged = read = 0
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             if not container.streams.video:
                 raise TrackingError(f"{name} has no picture in it (0 frames read). Give the film, not its sound.")
             stream = container.streams.video[0]
             base = stream.time_base or Fraction(1)
             try:
                 for packet in container.demux(stream):
+                    read += packet.size > 0
                     if packet.size and not packet.is_discard:
                         damaged += packet.is_corrupt
                         if packet.pts is None:
@@ -95,11 +101,12 @@ def read_index(path: str | Path) -> Index:
                                 "the camera wrote it (mp4 or mov), not a raw stream cut out of it."
                             )
                         stamps.append(packet.pts)
+                        ends.append(packet.pts + (packet.duration or 0))
             except FFmpegError:  # the data ends in the middle of a frame
                 damaged += 1
-            promised, length = stream.frames, stream.duration
-            captured = container.metadata.get("com.android.capture.fps")
-            length_s = float(length * base) if length else float((container.duration or 0) / 1_000_000)
+            promised, captured = stream.frames, container.metadata.get("com.android.capture.fps")
+            length_s, from_zero = _length_s(container, stream)
+            shape = stream.sample_aspect_ratio or Fraction(1)
     except FFmpegError as error:
         raise TrackingError(
             f"{name} cannot be opened as a video ({error.strerror}; 0 frames read). Either it is no video, or "
@@ -110,8 +117,27 @@ def read_index(path: str | Path) -> Index:
         check_times(np.zeros(len(stamps)), name)
         raise TrackingError(f"{name} holds {len(stamps)} frames; motion needs at least two. {remedy}")
     times = np.sort(np.array(stamps, np.int64)) * float(base)
-    seen_s = times[-1] - times[0] + float(np.median(np.diff(times)))
-    return Index(times, promised, max(0.0, float(length_s - seen_s)), int(damaged), _rate(captured), float(base))
+    # The last picture may stand longer than the others.
+    ends_s = max(times[-1] + float(np.median(np.diff(times))), float(max(ends) * base))
+    seen_s = ends_s - (min(times[0], 0.0) if from_zero else times[0])
+    missing_s = 0.0 if read >= promised > 0 else max(0.0, length_s - seen_s)
+    return Index(times, promised, float(missing_s), int(damaged), _rate(captured), float(base), shape)
+
+
+def _length_s(container: InputContainer, stream: VideoStream) -> tuple[float, bool]:
+    """How long the pictures last, by what the file says of them alone [s], and whether from zero or from the first.
+
+    Zero where it does not say.
+    """
+    if stream.duration:
+        return float(stream.duration * (stream.time_base or 1)), False
+    # Matroska and WebM: a tag, "00:01:02.5"; the container's length is that of its longest track, sound included.
+    said = [words for name, words in stream.metadata.items() if name.startswith("DURATION")]
+    try:
+        hours, minutes, seconds = map(float, said[0].split(":"))
+    except (IndexError, ValueError):
+        return float((container.duration or 0) / 1_000_000) if len(container.streams) == 1 else 0.0, True
+    return 3600 * hours + 60 * minutes + seconds, True
 
 
 def _rate(words: str | None) -> float | None:
@@ -121,6 +147,17 @@ def _rate(words: str | None) -> float | None:
     except ValueError:
         return None
     return rate if np.isfinite(rate) and rate > 0 else None
+
+
+def _oblong(shape: Fraction, name: str) -> list[str]:
+    """Whether pixels are not square: they are taken as they are coded, which four marks see through and a stick not."""
+    if abs(shape - 1) < SQUARE:
+        return []
+    return [
+        f"{name} has pixels {float(shape):.4g} times as wide as high ({shape.numerator}:{shape.denominator}), and is "
+        "measured in them as if they were square: that is wrong with a stick or a lens of one focal length, and pixels "
+        f"read off a player are others. Make them square: ffmpeg -i {name} -vf scale=iw*sar:ih,setsar=1 square.mp4"
+    ]
 
 
 @dataclass(frozen=True)
@@ -168,8 +205,8 @@ class Video:
         self.keep_truncated, self.promised = keep_truncated, index.promised
         self._before, self.begins_s = int(kept[0]), float(shown_s[kept[0]])
         self._pace, of_pace = played_slower(times_s, index.captured_per_s, self.name, part.filmed_per_s)
-        self._of_clock = of_ticks + of_pace
-        self.warnings += self._of_clock
+        self._told = of_ticks + of_pace + _oblong(index.pixel_shape, self.name)
+        self.warnings += self._told
         self.slower = 1 / self._pace
         self.times_s = self._pace * times_s
         self.frames_per_s = 1 / float(np.median(np.diff(self.times_s)))
@@ -184,11 +221,11 @@ class Video:
             raise TrackingError(
                 f"{found}. Copy the recording from the camera again, or keep the readable part (--keep-truncated)."
             )
-        self.warnings = [*self._of_clock, f"{found}; the rest is missing from the tracks."]
+        self.warnings = [*self._told, f"{found}; the rest is missing from the tracks."]
 
     def __iter__(self) -> Iterator[Frame]:
         read, last = -self._before, -np.inf
-        with av.open(str(self.path)) as container:
+        with av.open(str(self.path), metadata_errors="replace") as container:
             stream = container.streams.video[0]
             stream.thread_type, stream.codec_context.thread_count = "AUTO", THREADS
             pictures = container.decode(stream)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from backend.observe.at_one_time import pictures
 from backend.observe.bars import Bar, known_lengths
-from backend.observe.bed import Bed, read_bed
+from backend.observe.bed import Bed, read_bed, spare_camera
 from backend.observe.beforehand import before, before_of, known_heights, unknown_lens
 from backend.observe.bundle import Bundle, Dots, Marks, Prior, adjust
 from backend.observe.camera import PARAMETERS, Camera, CameraPose, Deviations
@@ -28,6 +28,7 @@ from backend.observe.uncertainty import UNMEASURED_PX
 from backend.observe.video import Video
 from backend.observe.viewpoint import LENS, POSE, Viewpoint
 
+FOLLOWED = "followed"  # the folder of the clip's tracks
 MOST_FRAMES = 40  # more tell little: what is left is the marks' and the bars' own error
 BAR_SD_M = 1e-4  # what a bar's length differs from its drawing
 WORTH_SAYING_M, TOO_MUCH_M = 2.5e-4, 3e-3  # expected error of a dot's place: warned of, refused
@@ -47,20 +48,23 @@ def calibrate_from_clip(
     out_dir: str | Path,
     progress: Callable[[int, int], None] | None = None,
 ) -> Camera:
-    """Follow the dots of a clip of the moving mechanism, then `camera_from_bars`; its tracks are left in out_dir.
+    """Follow the dots of a clip of the moving mechanism, then `camera_from_bars`.
 
+    Its tracks, and what else tracking writes, are left in out_dir/followed: out_dir is the camera's.
     Raises TrackingError where the clip cannot be tracked, or leaves dots worse placed than 3 mm.
     """
     from backend.observe.measure import track_video
 
-    bed = read_bed(bed)
+    given, bed = bed, read_bed(bed)
+    spare_camera(given, out_dir)
     if bed.stick:
         raise TrackingError("One known length tells no camera; give the bed's tags or marks, four or more.")
     first = next(iter(Video(clip, keep_truncated=True)), None)
     if first is None:
         raise TrackingError(f"{Path(clip).name}: not one frame can be decoded. Copy it again.")
     height_px, width_px = first.luma.shape
-    tracked = track_video(clip, mechanism, bed, out_dir=out_dir, preview=False, progress=progress)
+    beside = Path(out_dir) / FOLLOWED
+    tracked = track_video(clip, mechanism, bed, out_dir=beside, preview=False, progress=progress)
     seen, warnings = bed_in_picture(bed, first.luma)
     seen, _ = raised_as_drawn(seen, drawn_positions(mechanism))  # what is amiss there, the tracks have told
     camera = camera_from_bars(tracked.tracks, mechanism, seen, (width_px, height_px), bed.camera)
@@ -91,6 +95,9 @@ def camera_from_bars(
         prior = before(lens, known_heights(bed, markers))
     else:
         fitted, _ = camera.for_picture(*size_px)
+        # An earlier clip found them to millimetres; taken for measured, they would count as known to half of one.
+        if camera.pose and bed.marker_height_m == camera.pose.found_heights_m():
+            bed = bed.model_copy(update={"marker_height_m": None})
         prior = before_of(fitted.model_copy(update={"pose": None}), markers, bed)
     found = adjusted(bed, prior, dots)
     notes = _notes(found, markers, bars, bar_sd_m)

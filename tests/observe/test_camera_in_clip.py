@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from backend.observe.bed import read_bed
+from backend.observe.beforehand import before_of
 from backend.observe.camera import Camera, Deviations
 from backend.observe.camera_in_clip import camera_in_clip
 from backend.observe.placing import placing_slopes
@@ -77,6 +78,17 @@ def test_a_camera_that_has_not_moved_keeps_its_pose_and_one_that_has_is_found_ag
     sd = np.sqrt(np.diag(again.pose.covariance))[12:15]
     assert np.all(np.abs(np.array(again.pose.position_m) - moved.position_m) < 4 * sd)
     assert sd.max() < 5e-3  # m
+
+
+def test_heights_that_were_only_guessed_are_not_known_the_next_time():
+    eye, bed, _, px, _ = clip(0)
+    board = calibrated(eye, np.random.default_rng(1))
+    for given, known in ((None, None), ({"knee": 0.02}, ["knee"]), (0.012, list(MARKERS))):
+        found = camera_in_clip(board, bed.model_copy(update={"marker_height_m": given}), MARKERS, px, SIZE)
+        again = read_bed(bed.model_copy(update={"marker_height_m": None, "camera": found})).marker_height_m
+        assert (again and list(again)) == known
+        root = before_of(found, MARKERS, bed.model_copy(update={"marker_height_m": again})).root[9:]
+        np.testing.assert_allclose(root @ root.T, np.array(found.pose.covariance)[15:, 15:], atol=1e-12)
 
 
 def test_a_lens_calibrated_at_another_setting_is_told():

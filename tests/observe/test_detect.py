@@ -8,7 +8,7 @@ from backend.blind.render import Look
 from backend.observe.detect import Region, detect
 from backend.observe.dots import learn_look, learn_patch
 from backend.observe.tracking_error import TrackingError
-from backend.observe.video import Video
+from backend.observe.video import Frame, Video
 
 from .scenes import film, four
 
@@ -106,6 +106,18 @@ def test_a_glossy_ball_that_fills_a_fortieth_of_the_picture_is_found(four_dots):
     assert np.hypot(*(found.px[0] - [300.5, 150.5])) < 3  # the highlight lies on one side
 
 
+def test_a_dot_as_wide_as_a_fifth_of_a_large_picture_is_found():
+    """Its rays hold more points than one row of OpenCV's remap may."""
+    v, u = np.mgrid[:900, :1280]
+    disc, ring = (np.hypot(u - 640.5, v - 450.5) < r for r in (120, 180))
+    luma = np.where(disc, 90, np.where(ring, 220, 150)).astype(np.uint8)
+    cb, cr = (np.where(disc[::2, ::2], k, 128).astype(np.uint8) for k in (90, 180))
+    frame = Frame(0, 0.0, luma, cb, cr, None, 0)
+    look = learn_look(frame, 1)
+    assert look.radius_px == pytest.approx(120, abs=1.0)
+    assert np.hypot(*(detect(frame, look).px[0] - [640.5, 450.5])) < 0.5
+
+
 def test_a_patch_of_any_shape_is_placed_by_the_centroid_of_its_colour(four_dots):
     shape = np.zeros((360, 640), bool)
     shape[100:140, 200:300], shape[300:306, 10:16] = True, True
@@ -121,3 +133,13 @@ def test_a_patch_of_any_shape_is_placed_by_the_centroid_of_its_colour(four_dots)
         learn_patch(painted(four_dots, shape), np.array([[500.0, 50.0]]))
     with pytest.raises(TrackingError, match="known by a click"):
         learn_patch(painted(four_dots, shape), np.zeros((0, 2)))
+
+
+@pytest.mark.parametrize("other", [(90, 128), (90, 166)])
+def test_patches_of_two_colours_are_refused_by_where_they_were_clicked(four_dots, other):
+    left, right = np.zeros((2, 360, 640), bool)
+    left[100:140, 100:140], right[100:140, 400:440] = True, True
+    frame, second = painted(four_dots, left, 166, 90), painted(four_dots, right, *other)
+    frame = replace(frame, cb=frame.cb + (second.cb - 128), cr=frame.cr + (second.cr - 128))
+    with pytest.raises(TrackingError, match=r"at \(120, 120\), \(420, 120\).*patches of one colour"):
+        learn_patch(frame, np.array([[120.0, 120.0], [420.0, 120.0]]))

@@ -174,6 +174,7 @@ def test_the_clip_and_the_tracks_must_belong_together(four_dots, seen, sure, tmp
         ({"bed": True}, "Give --video CLIP.*or --fps"),
         ({"bed": True, "frames_per_s": 0.0}, "--fps is 0"),
         ({"bed": True, "frames_per_s": 30.0, "video": "x.mp4"}, "not both"),
+        ({"bed": True, "frames_per_s": 30.0, "filmed_per_s": 240.0}, "--filmed-at says .* Give --video CLIP"),
         ({"bed": True, "frames_per_s": 30.0, "to": "c3d"}, "unknown; write one of tracks, deeplabcut, sleap, trc"),
         ({"bed": {"camera_height_m": 0.8}, "frames_per_s": 30.0}, "camera_height_m needs the middle.*--video"),
         ({"bed": {"lens": {"focal_px": 1600}}, "frames_per_s": 30.0}, "lens without centre_px needs the middle"),
@@ -232,6 +233,10 @@ def test_the_command_line_converts_and_says_what_it_saw(four_dots, seen, sure, t
     named = ",".join(f"{n}_t={n}" for n in seen)
     given = ["convert", file, "--mechanism", tmp_path / "m.json", "--bed", tmp_path / "bed.json"]
     given += ["--video", four_dots.path, "--out", tmp_path / "out"]
+    slow = CliRunner().invoke(app, [str(a) for a in [*given, "--names", named, "--filmed-at", "960", "--json"]])
+    report = json.loads(slow.stdout)
+    assert report["duration_s"] == pytest.approx(59 / 960, rel=1e-4)  # stamps are whole microseconds
+    assert any("filmed at 960 frames a second, as was said" in warned for warned in report["warnings"])
     said = CliRunner().invoke(app, [str(a) for a in [*given, "--names", named]])
     assert said.exit_code == 0, said.output
     assert "DeepLabCut CSV" in said.stdout

@@ -1,5 +1,6 @@
 import cv2
 import numpy as np
+import pytest
 
 from backend.observe.account import warn_blank
 from backend.observe.bed import Bed, BedMark
@@ -56,6 +57,23 @@ def test_a_still_camera_has_one_view_and_a_shaken_one_a_view_for_every_picture()
     assert shaken is not None
     at = shaken.metres(PLACES[4] + shifts, np.zeros(4), np.arange(4), t)
     np.testing.assert_allclose(at, np.tile([0.16, -0.12], (4, 1)), atol=7e-5)  # 0.07 px of 1 mm
+
+
+@pytest.mark.parametrize("wrong", ["three on a line", "two swapped"])
+def test_marks_that_fix_no_view_leave_a_shaken_camera_where_it_was(wrong):
+    """A corner is covered, and of the four marks that are left three lie on a diagonal; or one is taken for another."""
+    shifts = np.array([(0.0, 0.0), (0.7, -0.4), (1.9, 0.3), (2.4, 1.2)])
+    moved = np.tile(shifts[:, None], (1, 5, 1)) + RNG.normal(0, 0.05, (4, 5, 2))
+    if wrong == "three on a line":
+        moved[2, 3] = np.nan
+    else:
+        moved[2, 0], moved[2, 1], moved[2, 4] = (200, 0), (-200, 0), np.nan
+    _, shaken = settle(bed(), moved, t := np.arange(4) / 240, Rows((320, 240)))
+    assert shaken is not None
+    at = shaken.metres(PLACES[3] + shifts, np.zeros(4), np.arange(4), t)
+    off = np.hypot(*(at - [0.06, -0.18]).T)
+    assert off[[0, 1, 3]].max() < 5e-4
+    assert off[2] < 2e-3  # by as much as the camera moved since the picture before
 
 
 def test_marks_that_show_nothing_do_not_make_a_camera_seem_to_move():

@@ -63,6 +63,11 @@ def test_too_few_dots_are_refused_with_the_name_of_the_lonely_marker():
         named(np.delete(PLACES, 3, 0))
 
 
+def test_where_no_dot_is_seen_a_later_start_is_asked_for_clicked_or_not():
+    with pytest.raises(TrackingError, match=r"no target lies clear of the edge.*--from"):
+        named(np.zeros((0, 2)), clicks={"a": (100, 100)})
+
+
 @pytest.mark.parametrize(
     ("clicks", "says"),
     [

@@ -85,6 +85,25 @@ def test_who_watches_sees_the_dots_as_they_are_followed(eight_dots, tmp_path):
     assert not (tmp_path / "watching.jpg").exists()  # the clip is whole now
 
 
+def test_a_run_that_is_broken_off_leaves_an_earlier_preview_whole(four_dots, tmp_path):
+    (tmp_path / "preview.mp4").write_bytes(b"an earlier one")
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        track_video(four_dots.path, four_dots.mechanism, four_dots.bed, out_dir=tmp_path, progress=stop)
+    assert [path.name for path in tmp_path.iterdir()] == ["preview.mp4"]
+    assert (tmp_path / "preview.mp4").read_bytes() == b"an earlier one"
+
+
+def test_a_camera_file_of_another_run_is_told_apart(four_dots, tmp_path):
+    (tmp_path / "camera.json").write_text("{}")
+    made = track_video(four_dots.path, four_dots.mechanism, four_dots.bed, out_dir=tmp_path, preview=False)
+    assert "camera.json was there before and is not of these tracks" in made.summary["warnings"][-1]
+    assert (tmp_path / "camera.json").read_text() == "{}"
+
+
 def test_a_hidden_dot_is_occluded_and_then_known_again(tmp_path):
     # "swing" moves to the right past x = 15 mm early on; the card lies there for 20 frames and then is gone.
     times = np.arange(80) / 240

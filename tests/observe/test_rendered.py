@@ -60,9 +60,10 @@ def test_bare_dots_are_placed_to_a_quarter_of_a_millimetre(tmp_path):
 def test_tags_name_themselves(tmp_path):
     clip = Clip("tagged", "double pendulum", Scene(target="tag", seed=12), 6)
     tags = {name: 20 + k for k, name in enumerate(clip.filmed.markers)}
-    found = score(clip, tracks_of(clip, tmp_path, targets=tags))
+    found = score(clip, tracks_of(clip, tmp_path, targets=tags, clicks={"knee": (10, 10)}))
     assert found["p95"] <= 0.1
     assert found["seen"] == 1.0
+    assert "the clicks for knee are left out" in (tmp_path / "tracking.json").read_text()
 
 
 def test_targets_that_disagree_with_the_drawing_are_refused(tmp_path):

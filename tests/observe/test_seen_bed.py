@@ -1,6 +1,7 @@
 """A bed marked with the kit's tags, seen through a calibrated camera, needs no pixels given by hand."""
 
 import json
+from functools import partial
 
 import av
 import cv2
@@ -16,10 +17,12 @@ from backend.observe.project import calibrate
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.tags import find_tags
 from backend.observe.tracking_error import TrackingError
+from backend.observe.without_board import calibrate_from_clip
 from backend.observe.write import tracks_table, write_tracks
 
 from .board_scenes import BENDS, SIZE, K, lean, photograph, tag_centres_mm
 from .elsewhere import dlc_csv
+from .filmed_fourbar import drawing as fourbar
 from .scenes import drawing
 
 MIDDLE = (105.0, 148.5)  # of an A4 page [mm]
@@ -128,6 +131,19 @@ def test_a_camera_of_another_resolution_is_scaled_with_a_warning(camera, bed_fil
 def test_a_camera_held_otherwise_or_of_another_shape_is_refused(camera, size, says):
     with pytest.raises(TrackingError, match=rf"{says}.*linktwin calibrate"):
         camera.lens_for(*size)
+
+
+def test_the_camera_that_a_bed_file_names_is_not_written_over(bed_file):
+    track = partial(track_video, "clip.mp4", fourbar(), bed_file)
+    with pytest.raises(TrackingError, match=r"camera that the bed file names.*--out"):
+        track(out_dir=bed_file.parent / "lenses" / ".." / "lenses")
+    with pytest.raises(TrackingError, match="no file clip"):
+        track(out_dir=bed_file.parent)
+    with pytest.raises(TrackingError, match="bed file names"):
+        calibrate_from_clip("clip.mp4", fourbar(), bed_file, out_dir=bed_file.parent / "lenses")
+    (file := bed_file.parent / "tracks.trc").write_text("PathFileType\t4\n")
+    with pytest.raises(TrackingError, match="bed file names"):
+        convert(file, fourbar(), bed=bed_file, out_dir=bed_file.parent / "lenses")
 
 
 def test_a_camera_file_that_is_missing_or_none_is_refused(tmp_path):

@@ -141,3 +141,11 @@ def test_a_dark_start_and_a_click_on_nothing_are_told(clip, tmp_path):
         learn_look(replace(first, luma=first.luma // 8), 4)
     with pytest.raises(TrackingError, match="base has no pixel"):
         track_video(clip.path, clip.mechanism, clip.bed, out_dir=tmp_path, clicks={"base": (np.nan, 1)})
+
+
+@pytest.mark.parametrize("way", [None, "texture", "tag"])
+def test_a_click_on_what_is_not_drawn_is_refused_however_markers_are_followed(clip, tmp_path, way):
+    names = clip.markers_m
+    targets = dict(zip(names, range(4), strict=True)) if way == "tag" else way and dict.fromkeys(names, way)
+    with pytest.raises(TrackingError, match="unknown markers bse; the drawing has base"):
+        track_video(clip.path, clip.mechanism, clip.bed, out_dir=tmp_path, clicks={"bse": (1, 2)}, targets=targets)

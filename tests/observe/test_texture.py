@@ -9,9 +9,10 @@ import pytest
 from backend.observe.cotracker import SIZE as SMALL
 from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.measure import track_video
+from backend.observe.texture import Surroundings
 from backend.observe.tracking_error import TrackingError
 
-from .textured_bar import POINTS_M, SIZE, bed, drawing, film, in_picture, turned
+from .textured_bar import POINTS_M, SIZE, bed, drawing, film, in_picture, picture, turned
 
 FRAMES = 40
 ANGLE = 0.7 * np.sin(np.linspace(0, np.pi, FRAMES)) ** 2  # up by 40 degrees and back: 1.5 m/s^2 at the far point
@@ -77,6 +78,16 @@ def test_more_than_the_picture_shows_cannot_count(reach, tmp_path):
     targets = dict.fromkeys(POINTS_M, f"texture:{reach}")
     with pytest.raises(TrackingError, match=rf"within {reach} px of the picture's edge"):
         track_video(clip, drawing(), bed(), out_dir=tmp_path, targets=targets, preview=False)
+
+
+def test_surroundings_of_any_size_are_laid_over_the_next_picture():
+    """34 000 pixels of a disc are more than one row of OpenCV's remap may hold."""
+    luma = picture(0.0, np.random.default_rng(3))
+    own = Surroundings(luma, np.array([[240.0, 180.0]]), 104)
+    moved = np.roll(luma, (2, 3), (0, 1))
+    warp, alike, _ = own.lay(moved, np.array([[[1.0, 0.0, 240.0], [0.0, 1.0, 180.0]]]))
+    assert alike.all()
+    np.testing.assert_allclose(warp[0, :, 2], [243.0, 182.0], atol=0.02)
 
 
 def test_stickers_and_bare_surfaces_do_not_mix(tmp_path):

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from backend.cli import app
 from backend.observe.measure import track_video
 from backend.observe.stills import still
-from backend.observe.timestamps import check_times, within_ticks
+from backend.observe.timestamps import check_times, played_slower, within_ticks
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Part, Video
 
@@ -210,6 +210,18 @@ def test_slow_motion_that_says_how_it_was_filmed_gets_its_times_back(four_dots, 
     assert Video(dark).frames_per_s == pytest.approx(120, rel=1e-3)  # a camera that halved its rate, no slow motion
 
 
+@pytest.mark.parametrize(
+    ("filmed", "played", "slower"),
+    [(1000, 30, 100 / 3), (1000, 24, 125 / 3), (960, 25, 38.4), (480, 25, 19.2), (240, 30 / 1.001, 8), (240, 30, 8)],
+)
+def test_slow_motion_is_stretched_by_the_ratio_of_its_rates_whole_or_not(filmed, played, slower):
+    times = np.round(np.delete(np.arange(90), [20, 21, 50]) / played, 3)  # Matroska's milliseconds, dropped frames
+    pace, told = played_slower(times, None, "clip", filmed)
+    # Steps of a millisecond on 86 frames: the pace is known to 1 / 33 / 86.
+    assert 1 / pace == pytest.approx(slower, rel=5e-4)
+    assert f"divided by {1 / pace:.4g}" in told[0]
+
+
 def test_the_command_line_keeps_a_truncated_clip_when_asked(four_dots, tmp_path):
     whole = repacked(four_dots.path, tmp_path / "whole.mp4", {"movflags": "faststart"}).read_bytes()
     (tmp_path / "short.mp4").write_bytes(whole[: len(whole) * 3 // 5])
@@ -290,6 +302,59 @@ def test_a_truncated_file_says_how_many_frames_it_read_and_keeps_them_on_request
     assert np.nanmedian(np.abs(errors_m(four_dots, result.tracks))) < 1e-4
 
 
+@pytest.mark.parametrize("tagged", [True, False])
+def test_sound_that_goes_on_after_the_pictures_cuts_no_clip_short(four_dots, tmp_path, tagged):
+    """Matroska says how long its longest track is, and of each track only in a tag that not all writers write."""
+    path = tmp_path / "talk.mkv"
+    with av.open(str(four_dots.path)) as given, av.open(str(path), "w") as made:
+        stream = made.add_stream_from_template(given.streams.video[0])
+        sound = made.add_stream("pcm_s16le", rate=8000, layout="mono")
+        for packet in given.demux(video=0):
+            if packet.dts is not None:
+                packet.pts, packet.dts = packet.pts + 100_000, packet.dts + 100_000  # us: the sound begins first
+                packet.stream = stream
+                made.mux(packet)
+        heard = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), format="s16", layout="mono")
+        heard.sample_rate, heard.pts = 8000, 0
+        made.mux(sound.encode(heard))
+    if not tagged:
+        path.write_bytes(path.read_bytes().replace(b"DURATION", b"DURATIOM"))
+    assert len(list(Video(path))) == 60
+    data = path.read_bytes()
+    (tmp_path / "short.mkv").write_bytes(data[: len(data) * 3 // 5])
+    if tagged:
+        with pytest.raises(TrackingError, match="ends too early"):
+            Video(tmp_path / "short.mkv")
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
+def test_a_last_picture_that_stands_long_is_no_missing_end(four_dots, tmp_path, suffix):
+    with av.open(str(four_dots.path)) as given, av.open(str(tmp_path / f"long.{suffix}"), "w") as made:
+        stream = made.add_stream_from_template(given.streams.video[0])
+        packets = [packet for packet in given.demux(video=0) if packet.dts is not None]
+        packets[-1].duration *= 100
+        for packet in packets:
+            packet.stream = stream
+            made.mux(packet)
+    assert not Video(tmp_path / f"long.{suffix}").truncated
+
+
+def test_pixels_that_are_not_square_are_told_with_their_remedy(four_dots, tmp_path):
+    told = []
+    for width in (64, 96):  # shown as wide as this, for 64 pixels
+        with av.open(str(tmp_path / "tape.mp4"), "w") as made:
+            stream = made.add_stream("libx264", rate=25)
+            stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+            stream.sample_aspect_ratio = Fraction(width, 64)
+            for _ in range(5):
+                made.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8))))
+            made.mux(stream.encode(None))
+        told.append(Video(tmp_path / "tape.mp4").warnings)
+    assert told[0] == []
+    assert "1.5 times as wide as high (3:2)" in told[1][0]
+    assert "setsar=1" in told[1][0]
+
+
 def test_garbage_in_the_middle_never_ends_in_a_crash(four_dots, tmp_path):
     """A damaged copy is refused or read in part; what is measured stays on the dots or says it is not."""
     data = bytearray(four_dots.path.read_bytes())
@@ -346,6 +411,14 @@ def test_dropped_frames_and_a_rate_that_halves_are_no_jump():
 def test_a_clock_that_leaps_stops_or_runs_back_is_refused(times, says):
     with pytest.raises(TrackingError, match=says):
         check_times(times, "clip")
+
+
+def test_a_tag_that_is_no_utf8_does_not_stop_a_clip(four_dots, tmp_path):
+    clip = repacked(four_dots.path, tmp_path / "named.mp4", tags={"title": "a bench in Zuerich"})
+    data = clip.read_bytes()
+    assert data.count(b"Zuerich") == 1
+    clip.write_bytes(data.replace(b"Zuerich", b"Z\xfcrich.", 1))  # as Latin-1 spells it
+    assert len(list(Video(clip))) == 60
 
 
 def test_a_part_of_slow_motion_that_notes_no_rate_is_read_with_its_true_times(four_dots, tmp_path):

@@ -12,7 +12,7 @@ from backend.observe.bed import Bed
 from backend.observe.project import AbstractView, calibrate, view_in_picture
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.tracking_error import TrackingError
-from backend.observe.video import Video
+from backend.observe.video import Part, Video
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,15 @@ class Footage:
         return calibrate(bed, round(u), round(v)), (round(u), round(v))
 
 
-def footage(video: Path | None, frames_per_s: float | None) -> Footage:
-    """What is known from --video or --fps.  Raises TrackingError for both, or a rate that is none."""
+def footage(video: Path | None, frames_per_s: float | None, filmed_per_s: float | None = None) -> Footage:
+    """What is known from --video or --fps.  Raises TrackingError for both, or a rate that is none.
+
+    filmed_per_s: the rate [1/s] at which slow motion was filmed, of a clip that does not note it.
+    """
     if video is not None and frames_per_s is not None:
         raise TrackingError("Give --video or --fps, not both: the clip has its own clock.")
+    if filmed_per_s is not None and video is None:
+        raise TrackingError("--filmed-at says how slow motion was filmed. Give --video CLIP, which it belongs to.")
     if frames_per_s is not None:
         if not (np.isfinite(frames_per_s) and frames_per_s > 0):
             raise TrackingError(f"--fps is {frames_per_s:g}; give the frames per second, above zero.")
@@ -95,7 +100,7 @@ def footage(video: Path | None, frames_per_s: float | None) -> Footage:
         return Footage(frames_per_s=frames_per_s, warnings=(note,))
     if video is None:
         return Footage()
-    clip = Video(video, keep_truncated=True)
+    clip = Video(video, keep_truncated=True, part=Part(filmed_per_s=filmed_per_s))
     first = next(iter(clip), None)
     if first is None:
         raise TrackingError(f"{clip.name}: not one frame can be decoded (0 frames read). Copy it again.")

@@ -12,8 +12,8 @@ import pandas as pd
 
 from backend.mechanism.tracks import read_table
 from backend.observe.account import status_counts
-from backend.observe.bed import Bed, read_bed
-from backend.observe.camera import write_camera
+from backend.observe.bed import Bed, read_bed, spare_camera
+from backend.observe.camera import CAMERA, warn_stale, write_camera
 from backend.observe.exchange.camera import footage
 from backend.observe.exchange.formats import OURS, format_of, read_points
 from backend.observe.exchange.from_tracks import WRITERS, export, known_targets
@@ -41,6 +41,7 @@ def convert(
     bed: Bed | str | Path | Sequence[Any] | Mapping[str, Any] | None = None,
     video: str | Path | None = None,
     frames_per_s: float | None = None,
+    filmed_per_s: float | None = None,
     names: str | Mapping[str, str] = "",
     least_score: float | None = None,
 ) -> Converted:
@@ -48,6 +49,7 @@ def convert(
 
     mechanism: backend.mechanism's drawing.  to: tracks, deeplabcut, sleap or trc.  bed: marks through which pixels
     become metres.  video: the clip, for its clock and size; frames_per_s: its rate [1/s] where there is no clip.
+    filmed_per_s: the rate [1/s] at which slow motion was filmed, of a clip that does not note it.
     names: theirs -> ours, or "theirs=ours,...".  least_score: below it a point counts as hidden.
     Raises TrackingError (DrawingError for linktwin's own tables) with a sentence where something is missing or wrong.
     """
@@ -59,24 +61,28 @@ def convert(
         raise TrackingError("The drawing has no markers; add a marker for each point that was tracked.")
     wrote, renaming = format_of(path), names if isinstance(names, Mapping) else parse_names(names)
     marks = None if bed is None else read_bed(bed)
-    clip = footage(None if video is None else Path(video), frames_per_s)
+    if to == "tracks":
+        spare_camera(bed, folder)
+    clip = footage(None if video is None else Path(video), frames_per_s, filmed_per_s)
     if wrote == OURS:
         if to == "tracks":
             raise TrackingError(f"{path.name} is linktwin's own already: a study reads it as it is. Write --to FORMAT.")
-        if renaming or frames_per_s is not None:
-            raise TrackingError(f"{path.name} has its own names and times; leave --names and --fps out.")
+        if renaming or frames_per_s is not None or filmed_per_s is not None:
+            raise TrackingError(f"{path.name} has its own names and times; leave --names, --fps and --filmed-at out.")
         tracks, notes, shared = read_table("tracks", path, mechanism), [], None
     else:
         points = read_points(path)
-        if points.time_s is not None and frames_per_s is not None:
-            raise TrackingError(f"{path.name} carries its own times; leave --fps out.")
+        if points.time_s is not None and (frames_per_s is not None or filmed_per_s is not None):
+            raise TrackingError(f"{path.name} carries its own times; leave --fps and --filmed-at out.")
         points = points.renamed(renaming, list(drawn))
         tracks, notes, shared = into_tracks(points, mechanism, clip, marks, least_score)
     if to == "tracks":
         folder.mkdir(parents=True, exist_ok=True)
         files = [write_tracks(tracks, folder / "tracks.csv")]
         if shared and shared.camera:
-            files.append(write_camera(shared.camera, folder / "camera.json"))
+            files.append(write_camera(shared.camera, folder / CAMERA))
+        else:
+            notes += warn_stale(folder)
     else:
         files, more = export(tracks, to, drawn, clip, marks, folder, path.name)
         notes += more

@@ -13,13 +13,14 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from backend.observe.account import warn_height, warn_marks
+from backend.observe.account import warn_height, warn_marks, warn_spatial
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed
 from backend.observe.camera_in_clip import Shared, shared_error
 from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.exchange.camera import Footage
 from backend.observe.exchange.points import Points
+from backend.observe.kinematics import out_of_plane
 from backend.observe.label import drawn_positions
 from backend.observe.place import in_world
 from backend.observe.rows import Rows
@@ -133,6 +134,7 @@ def _seen_by_camera(
     row = Rows(size_px, clip.quarter_turns).share(np.where(seen[..., None], at, 0))
     own_s = times[:, None] + bed.readout_s * np.clip(row, 0, 1)
     warned = warn_height(bed, view, px, size_px[0]) + warn_marks(bed, view)
+    warned += warn_spatial(out_of_plane(mechanism, bed.plane), view, px, size_px[0])
     bars = known_lengths(mechanism, bed.plane, points.names)
     first = bed.plane.from_world(np.nan_to_num(_first(world)))[:, :2]
     warned += warn_lengths(bars, points.names, np.where(np.any(seen, axis=0)[:, None], first, np.nan), bed)
