@@ -6,22 +6,29 @@ import os
 from pathlib import Path
 from types import SimpleNamespace
 
+import httpx
 import numpy as np
 import pytest
+from fastapi import FastAPI
 
 from backend.mechanism.read import read_mechanism
 from backend.observe.camera import Camera, Deviations, write_camera
+from backend.service.jobs.desk import start_job
+from backend.service.jobs.requests import FitRequest
 from backend.service.page import running
 from backend.service.page.access import share_token, shared_job
 from backend.service.page.bed_file import known
 from backend.service.page.clip_view import PLANES, STICK, asked_for, ready, sentences
+from backend.service.page.files import add_files
 from backend.service.page.marked_before import marked_before
 from backend.service.page.runs import kind_of, released
 from backend.service.page.stage import on_stage, plane_of_motion
 from backend.service.problems import Problem
 from backend.service.records import Job
-from backend.service.service import open_service
-from tests.service.serving import settings_in
+from backend.service.service import LOCAL, open_service
+from backend.service.studies import store_study
+from tests.service.serving import FOURBAR, settings_in
+from tests.service.test_routes import STUDY, TRACKS
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 MEASURED = SAMPLES / "pendulum" / "measured"
@@ -63,6 +70,41 @@ def test_a_shared_link_opens_its_own_result_alone(tmp_path):
         assert (settings.data_folder / "share.key").stat().st_mode & 0o077 == 0
     finally:
         service.close()
+
+
+def test_a_shared_link_shows_the_meshes_of_its_drawing_and_nothing_else_of_the_study(tmp_path):
+    service = open_service(settings_in(tmp_path))
+    mesh = bytes(84)  # an STL of no triangles
+    files = {"mechanism.json": FOURBAR.read_text(), "study.json": json.dumps(STUDY), "e1.csv": TRACKS}
+    laid = {}
+    for number, (path, text) in enumerate(files.items()):
+        laid[path] = tmp_path / str(number)
+        laid[path].write_text(text)
+    for path in ("meshes/crank.stl", "secret.stl"):
+        laid[path] = tmp_path / path.replace("/", "-")
+        laid[path].write_bytes(mesh)
+    study = store_study(service, LOCAL, laid)
+    job = start_job(service, LOCAL, FitRequest(kind="fit", study=study.id, free=["coulomb_friction:*"]))
+    app = FastAPI()
+    add_files(app, lambda: service)
+    base = f"http://here/shared-files/{job.id}/{share_token(service, job.id)}/subject"
+
+    async def asked(path):
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app)) as browser:
+            return await browser.get(f"{base}/{path}")
+
+    assert asyncio.run(asked("meshes/crank.stl")).content == mesh
+    for path in ("all.zip", "study.json", "mechanism.json", "e1.csv", "secret.stl"):
+        assert asyncio.run(asked(path)).status_code == 404, path
+    service.close()
+
+
+def test_an_empty_key_signs_no_link(tmp_path):
+    service = open_service(settings_in(tmp_path))
+    (service.settings.data_folder / "share.key").write_bytes(b"")
+    with pytest.raises(Problem, match=r"0 of 32 bytes; remove it"):
+        share_token(service, "a job")
+    service.close()
 
 
 @pytest.mark.parametrize(
