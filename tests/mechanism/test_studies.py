@@ -8,6 +8,7 @@ import pytest
 
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.fit_report import FitReport
+from backend.mechanism.jam_report import run_folder
 from backend.mechanism.read import parse, parse_study, read_study
 from backend.mechanism.study import StudyFile, study_problems
 from tests.mechanisms import effect, fourbar
@@ -361,3 +362,13 @@ def test_a_fit_report_says_what_the_data_do_not_bound():
     assert report.parameters[0].ci95 == (0.0, None)
     with pytest.raises(DrawingError, match="wall_s is -1"):
         parse(FitReport, {**document, "wall_s": -1}, "fit.json")
+
+
+def test_every_experiment_has_a_folder_of_its_own_among_the_files_of_its_study():
+    ids = ["run 1", "run_1", "r#1", "r 1", "report.json", "jam.json", "jam.html", ".", "..", "../..", "###", "ä" * 300]
+    folders = [run_folder(id) for id in ids]
+    assert len(set(folders)) == len(ids)
+    assert folders[1] == "run_1"  # a plain name stays as it is
+    for folder in folders:
+        assert folder and "/" not in folder and not folder.startswith(".")
+        assert not folder.endswith((".json", ".html")) and len(folder.encode()) < 200
