@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Use = Literal["fit", "held_out"]
+MOST_TOLERANCES = 1000
 NAMED = (*TABLES, "video", "camera")  # what of an experiment names a file
 
 
@@ -129,18 +130,18 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
     for id, count in Counter(experiment.id for experiment in study.experiments).items():
         if count > 1:
             yield f'experiment "{id}" stands {count} times in the file; ids are unique: rename all but one'
+    effects = {effect.id: effect for effect in mechanism.effects}
     for experiment in study.experiments:
         where = f'experiment "{experiment.id}"'
         if not (experiment.tracks or experiment.joint_positions or experiment.joint_efforts or experiment.video):
             yield f"{where} has 0 tables of measurements; name its tracks, joint_positions or joint_efforts"
         for id, parameters in experiment.overrides.items():
-            ids = [effect.id for effect in mechanism.effects]
-            if id not in ids:
-                yield f'{where}: overrides name effect "{id}", which is not drawn. {known(ids)}'
+            if id not in effects:
+                yield f'{where}: overrides name effect "{id}", which is not drawn. {known(effects)}'
                 continue
-            effect = mechanism.effect(id)
+            effect, named = effects[id], set(effects[id].on)
             every = effect.on == "all"
-            joints = {joint.id: joint.type for joint in mechanism.joints if not every and joint.id in effect.on}
+            joints = {joint.id: joint.type for joint in mechanism.joints if not every and joint.id in named}
             kind = kind_named(effect.kind)
             faults = parameter_faults(kind, parameters, joints, every)
             faults += [
@@ -150,6 +151,9 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
             ]
             for fault in faults or order_faults(kind, {**effect.parameters, **parameters}):
                 yield f'{where}: override of effect "{id}": {fault}'
+    if len(study.tolerances) > MOST_TOLERANCES:
+        yield f"{len(study.tolerances)} tolerances are above the limit of {MOST_TOLERANCES}; name several parts in one"
+        return
     for index, tolerance in enumerate(study.tolerances, start=1):
         where = f'tolerance {index} ("{tolerance.kind}")'
         try:

@@ -1,6 +1,7 @@
 """Studies: good ones are read with their tables, bad ones refused by file, row and remedy."""
 
 import json
+import time
 
 import numpy as np
 import pandas as pd
@@ -370,5 +371,16 @@ def test_every_experiment_has_a_folder_of_its_own_among_the_files_of_its_study()
     assert len(set(folders)) == len(ids)
     assert folders[1] == "run_1"  # a plain name stays as it is
     for folder in folders:
-        assert folder and "/" not in folder and not folder.startswith(".")
-        assert not folder.endswith((".json", ".html")) and len(folder.encode()) < 200
+        assert folder
+        assert "/" not in folder
+        assert not folder.startswith(".")
+        assert not folder.endswith((".json", ".html"))
+        assert len(folder.encode()) < 200
+
+
+def test_a_table_of_many_repeated_columns_is_refused_at_once(study):
+    names = ",".join(f"c{number}" for number in range(100_000))
+    began = time.process_time()
+    with pytest.raises(DrawingError, match="column c0, c1, c10, c100, c1000 and 99995 more stands twice"):
+        study(table("q.csv", f"{names},{names}\n"))
+    assert time.process_time() - began < 5.0  # counted one by one: an hour

@@ -63,7 +63,7 @@ def _secret(service: Service) -> bytes:
                 os.link(made.name, path)
     if len(secret := path.read_bytes()) < KEY_BYTES:
         raise Problem(
-            "internal", f"{path.name} in the data folder holds {len(secret)} of {KEY_BYTES} bytes; remove it, and links "
-            "are made anew.",
-        )  # fmt: skip
+            "internal",
+            f"{path.name} in the data folder holds {len(secret)} of {KEY_BYTES} bytes; remove it, and share anew.",
+        )
     return secret
