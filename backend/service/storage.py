@@ -7,6 +7,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -67,11 +68,12 @@ class Storage:
     def bring(self, key: str, to: Path) -> None:
         """Lay a file at a path of this machine, for reading."""
         to.parent.mkdir(parents=True, exist_ok=True)
-        if self.is_local:
-            to.symlink_to(self._place(key))
-            return
-        with self.files.open(self._place(key), "rb") as source, to.open("wb") as target:
-            shutil.copyfileobj(source, target, CHUNK)
+        with whole(to) as part:
+            if self.is_local:
+                part.symlink_to(self._place(key))
+                return
+            with self.files.open(self._place(key), "rb") as source, part.open("wb") as target:
+                shutil.copyfileobj(source, target, CHUNK)
 
     def path(self, key: str) -> Path | None:
         """Where a file lies on this machine; None in an object store."""
@@ -92,6 +94,17 @@ class Storage:
 
     def _place(self, key: str) -> str:
         return f"{self.root}/{key[:2]}/{key}"
+
+
+@contextmanager
+def whole(to: Path) -> Iterator[Path]:
+    """Where to write what is to lie at a path: it takes its name at the end of the block, or not at all."""
+    part = to.with_name(f".{uuid.uuid4().hex[:12]}{to.suffix}")
+    try:
+        yield part
+        os.replace(part, to)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def _protocols(files: Any) -> tuple[str, ...]:
