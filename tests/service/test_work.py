@@ -7,7 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy.exc import OperationalError
 
+from backend.service.jobs import work
+from backend.service.jobs.checkpoint import Checkpoints
 from backend.service.jobs.command import arguments
 from backend.service.jobs.desk import cancel_job, find_job, job_files, job_report, list_jobs, start_job
 from backend.service.jobs.holding import HeldElsewhere, claim, finish, lost
@@ -164,6 +167,65 @@ def test_a_job_whose_process_is_always_killed_is_given_up(opened):
     job = done(service, simulation(service, duration_s=0.1, threshold=0.5))
     assert job.state == "failed"
     assert "signal 9" in job.message
+
+
+def failing(monkeypatch, owner, name, times, error):
+    """Let a function fail so many times, then do its work; the list of its calls."""
+    done, calls = getattr(owner, name), []
+
+    def fails_first(*given):
+        calls.append(given)
+        if len(calls) <= times:
+            raise error
+        return done(*given)
+
+    monkeypatch.setattr(owner, name, fails_first)
+    return calls
+
+
+AWAY = OperationalError("SELECT 1", {}, Exception("the database is away"))
+
+
+def test_a_hiccup_of_the_database_or_the_storage_does_not_end_the_work(opened, monkeypatch, tmp_path):
+    service = opened(poll_s=0.02, most_attempts=1)
+    job = simulation(service, duration_s=1.0)
+    hiccups = [
+        failing(monkeypatch, work, "lost", 2, AWAY),
+        failing(monkeypatch, work, "note_progress", 2, AWAY),
+        failing(monkeypatch, Checkpoints, "copy", 2, OSError("the storage is away")),
+    ]
+    job = done(service, job)
+    assert (job.state, job.attempt, job.crashes) == ("succeeded", 1, 0)
+    assert all(len(calls) > 2 for calls in hiccups)
+    assert (tmp_path / "ledger").read_text().count("start") == 1
+
+
+@pytest.mark.parametrize("name", ["bring", "put"], ids=["before the work", "after the work"])
+def test_storage_that_is_away_costs_a_job_no_attempt(opened, monkeypatch, tmp_path, name):
+    service = opened(most_attempts=1, heartbeat_s=0.01)
+    job = simulation(service, duration_s=0.1)
+    failing(monkeypatch, service.storage, name, 2, OSError("the storage is away"))
+    job = done(service, job)
+    assert (job.state, job.attempt) == ("succeeded", 1)
+    assert (tmp_path / "ledger").read_text().count("start") == 1
+    assert len(list(service.storage.written())) == 3  # the drawing, the report and the motion
+
+
+def test_a_job_cancelled_while_the_storage_is_away_is_left_alone(opened, monkeypatch):
+    service = opened(heartbeat_s=0.01)
+    job = simulation(service, duration_s=0.1)
+
+    def away(*given):
+        cancel_job(service, LOCAL, job.id)
+        raise OSError("the storage is away")
+
+    monkeypatch.setattr(service.storage, "put", away)
+    assert done(service, job).state == "cancelled"
+
+
+def test_pauses_after_errors_grow_up_to_a_minute():
+    settings = Settings(heartbeat_s=1.0)
+    assert [work.pause_s(settings, failures) for failures in (0, 1, 5, 6, 5000)] == [1.0, 2.0, 32.0, 60.0, 60.0]
 
 
 def test_who_lost_a_claim_cannot_say_how_the_job_ended(opened):
