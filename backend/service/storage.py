@@ -7,7 +7,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -43,16 +43,21 @@ class Storage:
         part = f"{place}.part" if self.is_local else place  # object stores show nothing before the last byte
         if self.is_local:
             Path(place).parent.mkdir(parents=True, exist_ok=True)
-        with path.open("rb") as source, self.files.open(part, "wb") as target:
-            while chunk := source.read(CHUNK):
-                digest.update(chunk)
-                size += len(chunk)
-                target.write(chunk)
+        try:
+            with path.open("rb") as source, self.files.open(part, "wb") as target:
+                while chunk := source.read(CHUNK):
+                    digest.update(chunk)
+                    size += len(chunk)
+                    target.write(chunk)
+                if self.is_local:
+                    target.flush()
+                    os.fsync(target.fileno())
             if self.is_local:
-                target.flush()
-                os.fsync(target.fileno())
-        if self.is_local:
-            os.replace(part, place)
+                os.replace(part, place)
+        except BaseException:
+            with suppress(Exception):  # an object store keeps what it has of a file that breaks off, a full disk too
+                self.files.rm_file(part)
+            raise
         return Kept(key, size, digest.hexdigest())
 
     def chunks(self, key: str) -> Iterator[bytes]:
