@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import event
 from sqlalchemy.exc import OperationalError
+from sqlmodel import Session
 
 from backend.service.jobs import work
 from backend.service.jobs.checkpoint import Checkpoints
@@ -320,6 +322,25 @@ def test_storage_keeps_bytes_whole_under_names_of_its_own(tmp_path, url):
     assert kept.key not in {key for key, _ in storage.written()}
     with pytest.raises(FileNotFoundError):
         storage.read(kept.key)
+
+
+@pytest.mark.parametrize("answered", [True, False], ids=["refused", "unheard"])
+def test_the_files_of_an_upload_outlive_a_commit_whose_answer_is_lost(opened, monkeypatch, answered):
+    service = opened()
+
+    def fails(session):
+        raise AWAY
+
+    listened = "before_flush" if answered else "after_commit"
+    event.listen(Session, listened, hear := lambda session, *given: fails(session))
+    try:
+        with pytest.raises(OperationalError):
+            store_mechanism_document(service, LOCAL, FOURBAR.read_bytes())
+    finally:
+        event.remove(Session, listened, hear)
+    listed = list_things(service, LOCAL, "mechanism").rows
+    assert len(listed) == (0 if answered else 1)
+    assert len(list(service.storage.written())) == len(listed)
 
 
 def test_a_job_for_a_thing_of_the_wrong_kind_is_refused(opened):

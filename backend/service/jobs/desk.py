@@ -102,11 +102,13 @@ def delete_job(service: Service, owner: str, id: str) -> None:
 def forget_job(service: Service, job: Job) -> None:
     """Drop a finished job's record, files and Idempotency-Key."""
     with service.database.writing() as session:
+        locked_account(session, job.owner)  # whoever forgets it too finds it gone
+        if (there := session.get(Job, job.id)) is None:
+            return
         keys = drop_files(session, job.id)
         forget(session, job.id)
-        if (there := session.get(Job, job.id)) is not None:
-            session.delete(there)
-            refund(session, job.owner, there.bytes)
+        session.delete(there)
+        refund(session, job.owner, there.bytes)
     for key in keys:
         service.storage.drop(key)
 
