@@ -48,7 +48,7 @@ class Settings(BaseSettings):
     requests_per_minute: int = 600
     request_burst: int = 200
     event_streams_per_owner: int = 32
-    retention_days: float | None = None  # None: kept until deleted
+    retention_days: Annotated[float, Field(gt=0.0)] | None = None  # None: kept until deleted
 
     job_command: tuple[str, ...] = (sys.executable, "-c", "from backend.cli import main; main()")
     job_timeout_s: float = 24 * 3600.0

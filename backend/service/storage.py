@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 CHUNK = 2**20
+OWNER = "database.sha256"  # beside the files: whose they are
 
 
 @dataclass(frozen=True)
@@ -91,9 +92,22 @@ class Storage:
         except FileNotFoundError:
             return
 
+    def owner(self) -> str | None:
+        """Which database's files these are, as `belong_to` was told; None before."""
+        try:
+            return self.files.cat_file(f"{self.root}/{OWNER}").decode()
+        except FileNotFoundError:
+            return None
+
+    def belong_to(self, database: str) -> None:
+        """Say which database's files these are."""
+        self.files.pipe_file(f"{self.root}/{OWNER}", database.encode())
+
     def written(self) -> Iterator[tuple[str, float]]:
-        """Every file in storage, with the time it was written where the storage knows."""
+        """Every kept file in storage, with the time it was written where the storage knows."""
         for place, told in self.files.find(self.root, detail=True).items():
+            if place.endswith(f"/{OWNER}"):
+                continue
             changed = told.get("mtime") or told.get("LastModified") or told.get("created") or 0.0
             yield place.rsplit("/", 1)[-1], changed.timestamp() if isinstance(changed, datetime) else float(changed)
 

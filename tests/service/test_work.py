@@ -1,6 +1,7 @@
 """A worker's work on one job, done in this process: real commands, limits, checkpoints, claims."""
 
 import json
+import os
 import threading
 import time
 from pathlib import Path
@@ -304,6 +305,29 @@ def test_what_is_past_its_time_goes_and_takes_its_files_with_it(opened):
     for thing in list_things(service, LOCAL, "mechanism").rows:
         delete_thing(service, LOCAL, "mechanism", thing.id)
     assert len(list(service.storage.written())) == 2
+
+
+@pytest.mark.parametrize("marked", [True, False], ids=["marked", "before there were marks"])
+def test_files_of_another_database_are_not_taken_for_strays(opened, tmp_path, marked):
+    service = opened()
+    store_mechanism_document(service, LOCAL, FOURBAR.read_bytes())
+    if marked:
+        tidy_up(service)
+    stray = service.storage.put(FOURBAR).key
+    files = [path for path in (tmp_path / "data" / "files").rglob("*") if len(path.name) == 36]
+    for path in files:
+        os.utime(path, (1, 1))
+    tidy_up(other := opened(database_url=f"sqlite:///{tmp_path / 'other.sqlite'}"))
+    assert len(files) == 2
+    assert all(path.exists() for path in files)
+    tidy_up(service)
+    assert {path.name for path in files if not path.exists()} == {stray}
+    other.close()
+
+
+def test_no_time_at_all_is_no_time_to_keep_things():
+    with pytest.raises(ValueError, match="greater than 0"):
+        Settings(retention_days=0.0)
 
 
 @pytest.mark.parametrize("url", ["file://{folder}/files", "memory://linktwin-storage"])
