@@ -32,7 +32,7 @@ class Settings(BaseSettings):
     require_keys: bool | None = None  # None: everywhere but on loopback
     allowed_hosts: tuple[str, ...] = ()  # further names under which the service may be asked
 
-    largest_document: int = 16 * MIB  # mechanism.json, study.json and a job's request
+    largest_document: int = 16 * MIB  # mechanism.json and study.json
     largest_archive: int = 256 * MIB  # a folder as sent
     largest_folder: int = 512 * MIB  # a folder unpacked
     largest_table: int = 32 * MIB

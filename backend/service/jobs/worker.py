@@ -14,6 +14,7 @@ from typing import Any
 
 from dbos import DBOS, SetWorkflowID
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import defer
 from sqlmodel import col, func, select, update
 
 from backend.service.jobs.child import tie_to
@@ -145,7 +146,10 @@ class WorkerProcess:
             )
             room = 2 * len(alive(self.service, session)) - sum(busy.values())
             where = (Job.state == "queued", col(Job.handed_over).is_(None))
-            waiting = list(session.exec(select(Job).where(*where).order_by(col(Job.created)).limit(500)))
+            but_its_request = defer(Job.request)  # pyright: ignore[reportArgumentType]  # it may be a megabyte long
+            waiting = list(
+                session.exec(select(Job).options(but_its_request).where(*where).order_by(col(Job.created)).limit(500))
+            )
         for _ in range(min(room, len(waiting))):
             chosen = min(waiting, key=lambda job: (busy.get(job.owner, 0), job.created))
             waiting.remove(chosen)
