@@ -23,10 +23,10 @@ def the_service(request: Request) -> Service:
     return request.app.state.service
 
 
-def the_owner(
-    request: Request,
-    shown: Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)],
-) -> str:
+TheKey = Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)]
+
+
+def the_owner(request: Request, shown: TheKey) -> str:
     """Whose things are asked for: the key's owner, or the one of this machine where no key is needed."""
     service = the_service(request)
     if shown is not None:

@@ -11,7 +11,7 @@ from backend.service.records import ApiKey
 from backend.service.states import FINISHED
 from tests.service.asked import refused
 from tests.service.conftest import JSON
-from tests.service.serving import FOURBAR, settings_in
+from tests.service.serving import FOURBAR, events, settings_in
 
 
 def key_of(service, owner):
@@ -119,6 +119,19 @@ def test_a_key_is_one_asker_however_it_is_written_and_invented_keys_are_counted_
         answer = client.get(f"/api/v1/{path}", headers={"Authorization": f"Bearer invented{at}"})
     refused(answer, 429, "too-often")
     assert client.get("/api/v1/jobs", headers={"Authorization": f"Bearer {spent}"}).status_code == 200
+
+
+def test_a_stream_of_events_ends_when_its_key_is_revoked(opened, monkeypatch):
+    monkeypatch.setattr("backend.service.jobs.desk.MAY_EVERY_S", 0.5)
+    service, client = opened(require_keys=True)
+    key, text = make_key(service.database, "ada")
+    client.headers["Authorization"] = f"Bearer {text}"
+    drawn = client.post("/api/v1/mechanisms", content=FOURBAR.read_bytes(), headers=JSON).json()["id"]
+    job = client.post("/api/v1/jobs", json={"kind": "simulate", "mechanism": drawn}).json()["id"]
+    stream = events(client, job)
+    assert next(stream)[0] == "progress"
+    revoke_key(service.database, key.id)
+    assert list(stream) == []  # the job waits on, and is watched by nobody
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Parts of the page that need no browser: releases read off tables, links that cannot be forged, planes of motion."""
 
 import asyncio
+import errno
 import json
 import os
 from contextlib import nullcontext
@@ -25,6 +26,7 @@ from backend.service.page.files import add_files
 from backend.service.page.marked_before import marked_before
 from backend.service.page.runs import kind_of, released
 from backend.service.page.stage import on_stage, plane_of_motion
+from backend.service.page.upload import told
 from backend.service.problems import Problem
 from backend.service.records import Job
 from backend.service.service import LOCAL, open_service
@@ -54,6 +56,17 @@ def test_a_table_of_another_kind_is_refused_with_what_is_taken(tmp_path):
     (tmp_path / "odd.csv").write_text("frame,left,right\n1,2,3\n")
     with pytest.raises(Problem, match=r"frame, left, right.*linktwin convert"):
         kind_of(tmp_path / "odd.csv", "odd.csv")
+
+
+def test_a_table_that_is_none_is_refused_and_measured_by_nobody(tmp_path):
+    wide = "x" * 200_000
+    (tmp_path / "wide.csv").write_text(wide)
+    with pytest.raises(Problem, match=r"wide\.csv is no table .*131072"):
+        kind_of(tmp_path / "wide.csv", "wide.csv")
+    (tmp_path / "later.csv").write_text(f"time_s,marker,x_m,y_m,z_m\n0,tip,0,0,0\n0.1,{wide},0,0,0\n")
+    assert released(tmp_path / "later.csv", "tracks") is None
+    assert told(OSError(errno.ENOSPC, "full")).kind == "storage-full"
+    assert told(KeyError("what")).kind == "internal"
 
 
 def test_a_shared_link_opens_its_own_result_alone(tmp_path):
