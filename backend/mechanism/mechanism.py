@@ -122,12 +122,11 @@ def effect_faults(mechanism: Mechanism, effect: Effect) -> list[str]:
     except ValueError as error:
         return [str(error)]
     faults = place_faults(mechanism, kind, effect.on)
-    joints = None
+    every, joints = effect.on == "all", None
     if kind.acts_on == "joint" or (kind.names_joints and effect.on != ("world",)):
         named = set(effect.on)
-        every = effect.on == "all"
         joints = {joint.id: joint.type for joint in mechanism.joints if every or joint.id in named}
-    wrong = parameter_faults(kind, effect.parameters, joints, every=effect.on == "all")
+    wrong = parameter_faults(kind, effect.parameters, joints, every)
     faults += wrong or order_faults(kind, effect.parameters)
     able = [joint for joint in mechanism.joints if joint.id in (joints or ()) and kind.suits(joint.type)]
     unfitted = [joint.id for joint in able if joint.fit is None or joint.fit.clearance_m() is None]

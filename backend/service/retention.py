@@ -66,27 +66,29 @@ def _drop_strays(service: Service, before: float) -> None:
     with service.database.reading() as session:
         named = set(session.exec(select(StoredFile.key)))
     files = dict(service.storage.written())
-    if _belongs(service, named & files.keys(), empty=not files):
-        for key, written in files.items():
-            if written < before and key.removesuffix(".part") not in named:
-                service.storage.drop(key)
+    strays = [key for key, written in files.items() if written < before and key.removesuffix(".part") not in named]
+    if _belongs(service, known=not files or not named.isdisjoint(files)):
+        for key in strays:
+            service.storage.drop(key)
+    elif strays and service.storage.root not in _warned:
+        _warned.add(service.storage.root)
+        logger().warning(
+            f"{len(strays)} files that no record names are kept, since they may be another database's; "
+            f"drop them by hand, or, where they are this one's, remove {OWNER} beside them",
+            storage=service.storage.root,
+        )
     for path in service.settings.scratch.iterdir():
         if path.name != "jobs" and path.stat().st_mtime < before:
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
 
-def _belongs(service: Service, known: set[str], empty: bool) -> bool:
+def _belongs(service: Service, known: bool) -> bool:
     """Whether the storage is this database's: beside another one, every file there would be a stray.
 
-    known: keys in storage that records here name.  empty: whether nothing lies there yet.
+    known: whether nothing lies there, or something that records here name; it is then this database's from now on.
     """
     mine, owner = service.database.digest, service.storage.owner()
-    if owner is None and (known or empty):
+    if owner is None and known:
         service.storage.belong_to(mine)
         return True
-    if owner != mine and service.storage.root not in _warned:
-        _warned.add(service.storage.root)
-        remedy = f"; where they are not, remove {OWNER} there" if owner else ""
-        said = f"files in storage that no record names are kept: they may be another database's{remedy}"
-        logger().warning(said, storage=service.storage.root)
     return owner == mine
