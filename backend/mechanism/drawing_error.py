@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import islice
+
+MOST_LISTED = 100  # faults of one file; who asks for all of a hostile one would wait for hours
 
 
 class DrawingError(ValueError):
@@ -23,6 +26,12 @@ class DrawingError(ValueError):
             return origin + self.problems[0]
         listed = "\n".join(f"  - {problem}" for problem in self.problems)
         return f"{origin}{len(self.problems)} problems\n{listed}"
+
+
+def first(faults: Iterable[str]) -> list[str]:
+    """The first hundred faults; the others are not even looked for."""
+    found = list(islice(faults, MOST_LISTED + 1))
+    return found if len(found) <= MOST_LISTED else [*found[:MOST_LISTED], "and more; correct these first"]
 
 
 def known(ids: Iterable[str]) -> str:

@@ -12,14 +12,24 @@ from backend.mechanism.drawing_error import known
 from backend.mechanism.kinds import EffectKind, ParameterSpec, effect_kinds
 from backend.mechanism.part import Id, Part
 
+MOST_PLACES = 20_000
+
+
+def shortened(value: Any) -> str:
+    """A value in a sentence, which would else be as long as what was sent."""
+    said = repr(value)
+    return said if len(said) <= 300 else f"{said[:300]} ..."
+
 
 def _places(on: Any) -> Any:
     if on == "all":
         return on
     if not isinstance(on, list | tuple) or not on or not all(isinstance(place, str) and place for place in on):
-        raise ValueError(f'on is {on!r}; write "all", or a list of ids such as ["j1"]')
+        raise ValueError(f'on is {shortened(on)}; write "all", or a list of ids such as ["j1"]')
+    if len(on) > MOST_PLACES:
+        raise ValueError(f'on has {len(on)} names, above the limit of {MOST_PLACES}; write "all"')
     if len(set(on)) < len(on):
-        raise ValueError(f"on names a part twice ({', '.join(on)}); name each once")
+        raise ValueError(f"on names a part twice ({', '.join(on)[:300]}); name each once")
     return tuple(on)
 
 

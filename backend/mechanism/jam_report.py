@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from backend.mechanism.part import Id, Part, Vector3
+
+LONGEST = 60  # letters of an experiment's id in the name of its folder
+FILES = (".json", ".jsonl", ".html")
 
 Cause = Literal["friction_lock", "singularity", "clearance_lock", "stop", "insufficient_drive", "none"]
 Numbers = Annotated[tuple[float, ...], Field(strict=False)]
@@ -92,5 +96,11 @@ class JamReport(Part):
 
 
 def run_folder(experiment: str) -> str:
-    """Where the report of one experiment lies among those of its study."""
-    return re.sub(r"[^\w.-]+", "_", experiment).lstrip(".")
+    """Where the report of one experiment lies among those of its study: a folder of its own, whatever its id.
+
+    An id that is no plain name of a folder, or may be that of a file beside it, gets a digest of itself at its end.
+    """
+    plain = re.sub(r"[^\w.-]+", "_", experiment).lstrip(".")[:LONGEST]
+    if plain == experiment and not plain.lower().endswith(FILES):
+        return plain
+    return f"{plain}-{hashlib.sha256(experiment.encode()).hexdigest()[:8]}".lstrip("-")

@@ -9,8 +9,8 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field, model_validator
 
 from backend.mechanism.body import Body
-from backend.mechanism.drawing_error import DrawingError, known
-from backend.mechanism.effect import Effect, kind_named, missing_parameters, order_faults, parameter_faults
+from backend.mechanism.drawing_error import MOST_LISTED, DrawingError, first, known
+from backend.mechanism.effect import Effect, kind_named, missing_parameters, order_faults, parameter_faults, shortened
 from backend.mechanism.joint import Joint
 from backend.mechanism.kinds import EffectKind
 from backend.mechanism.marker import Marker
@@ -72,7 +72,7 @@ class Mechanism(Part):
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Mechanism:
-        if problems := list(_problems(self)):
+        if problems := first(_problems(self)):
             raise DrawingError(problems)
         return self
 
@@ -100,7 +100,7 @@ def _problems(mechanism: Mechanism) -> Iterator[str]:
             f"no fixed body among the {len(mechanism.bodies)} bodies; "
             "declare the part that stands still as fixed, or add a ground"
         )
-    bodies = [body.id for body in mechanism.bodies]
+    bodies = {body.id for body in mechanism.bodies}
     for joint in mechanism.joints:
         for side, body in (("body_a", joint.body_a), ("body_b", joint.body_b)):
             if body not in bodies:
@@ -122,11 +122,11 @@ def effect_faults(mechanism: Mechanism, effect: Effect) -> list[str]:
     except ValueError as error:
         return [str(error)]
     faults = place_faults(mechanism, kind, effect.on)
-    joints = None
+    every, joints = effect.on == "all", None
     if kind.acts_on == "joint" or (kind.names_joints and effect.on != ("world",)):
-        named = effect.on == "all"
-        joints = {joint.id: joint.type for joint in mechanism.joints if named or joint.id in effect.on}
-    wrong = parameter_faults(kind, effect.parameters, joints, every=effect.on == "all")
+        named = set(effect.on)
+        joints = {joint.id: joint.type for joint in mechanism.joints if every or joint.id in named}
+    wrong = parameter_faults(kind, effect.parameters, joints, every)
     faults += wrong or order_faults(kind, effect.parameters)
     able = [joint for joint in mechanism.joints if joint.id in (joints or ()) and kind.suits(joint.type)]
     unfitted = [joint.id for joint in able if joint.fit is None or joint.fit.clearance_m() is None]
@@ -175,7 +175,7 @@ def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> l
         if kind.names_joints and on != "all" and set(on) <= set(joints):
             return []
         others = f", or name joints. {known(joints)}" if kind.names_joints else ""
-        return [f'on is {on!r}, but {kind.name} acts on the {acts_on}; write "on": ["{acts_on}"]{others}']
+        return [f'on is {shortened(on)}, but {kind.name} acts on the {acts_on}; write "on": ["{acts_on}"]{others}']
     part = {"bodies": "body"}.get(acts_on, acts_on)
     groups = {
         "body": mechanism.bodies,
@@ -183,22 +183,24 @@ def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> l
         "marker": mechanism.markers,
         "effect": mechanism.effects,
     }
-    ids = [member.id for member in groups[part]]
+    ids = {member.id for member in groups[part]}
     if on == "all" and not ids:
         return [f'stands on "all", but no {part} is drawn; draw one, or remove the effect']
     if on == "all":
         # Its points and axes are those of one body: they would mean nothing on every other.
         paired = f'on is "all", but {kind.name} acts on one body, or between two; name them. {known(ids)}'
         return [paired] if acts_on == "bodies" and kind.name != FOUND else []
-    faults = [f'on names "{id}", but no {part} has that id. {known(ids)}' for id in on if id not in ids]
+    faults = []
+    if strangers := [id for id in on if id not in ids]:
+        there = known(ids)
+        faults = [f'on names "{id}", but no {part} has that id. {there}' for id in strangers]
     if acts_on == "effect":
-        able = [member.id for member in mechanism.effects if member.kind in kind.amends]
-        words = " or ".join(kind.amends)
-        faults += [
-            f'on names "{id}", but {kind.name} acts on {words}. {known(able)}'
-            for id in on
-            if id in ids and id not in able
-        ]
+        able = {member.id for member in mechanism.effects if member.kind in kind.amends}
+        if unfit := [id for id in on if id in ids and id not in able]:
+            words, there = " or ".join(kind.amends), known(able)
+            faults += [f'on names "{id}", but {kind.name} acts on {words}. {there}' for id in unfit]
+    if (rest := len(faults) - MOST_LISTED) > 0:
+        faults = [*faults[:MOST_LISTED], f"on has {rest} more names like the last"]
     if acts_on == "bodies" and len(on) > 2:
         faults.append(f"on names {len(on)} bodies; name one, or two of which the second takes the reaction")
     return faults

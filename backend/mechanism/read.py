@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from backend.mechanism.drawing_error import DrawingError
+from backend.mechanism.drawing_error import DrawingError, first
 from backend.mechanism.fit_report import FitReport
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.part import Part
 from backend.mechanism.sentences import sentences
 from backend.mechanism.study import Experiment, ExperimentFile, Study, StudyFile, study_problems
-from backend.mechanism.tracks import PLACES, TABLES, read_table
+from backend.mechanism.tracks import PLACES, SHOWN, TABLES, read_table
 
 VERSION = "1.0"
 LARGEST_BYTES = 64 * 2**20  # a thousand-cell scissor takes 3 MB
@@ -78,7 +79,7 @@ def parse_study(
     file = parse(StudyFile, document, source)
     opener = _Folder(Path(folder), None if root is None else Path(root), source)
     mechanism = read_mechanism(opener.path(file.mechanism))
-    problems = list(study_problems(file, mechanism))
+    problems = first(study_problems(file, mechanism))
     experiments: list[Experiment] = []
     for entry in file.experiments:
         try:
@@ -204,9 +205,10 @@ def decode(text: str, source: str) -> Any:
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = sorted({key for key in keys if keys.count(key) > 1})
-            raise DrawingError(f"key {', '.join(map(repr, twice))} stands twice in one object; keep one", source)
+            twice = sorted(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+            more = f" and {len(twice) - SHOWN} more" if len(twice) > SHOWN else ""
+            names = ", ".join(map(repr, twice[:SHOWN]))
+            raise DrawingError(f"key {names}{more} stands twice in one object; keep one", source)
         return found
 
     def finite(literal: str) -> Any:

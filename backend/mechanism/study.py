@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Use = Literal["fit", "held_out"]
+MOST_TOLERANCES = 1000
 NAMED = (*TABLES, "video", "camera")  # what of an experiment names a file
 
 
@@ -129,19 +130,21 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
     for id, count in Counter(experiment.id for experiment in study.experiments).items():
         if count > 1:
             yield f'experiment "{id}" stands {count} times in the file; ids are unique: rename all but one'
+    effects = {effect.id: effect for effect in mechanism.effects}
     for experiment in study.experiments:
         where = f'experiment "{experiment.id}"'
         if not (experiment.tracks or experiment.joint_positions or experiment.joint_efforts or experiment.video):
             yield f"{where} has 0 tables of measurements; name its tracks, joint_positions or joint_efforts"
         for id, parameters in experiment.overrides.items():
-            ids = [effect.id for effect in mechanism.effects]
-            if id not in ids:
-                yield f'{where}: overrides name effect "{id}", which is not drawn. {known(ids)}'
+            if id not in effects:
+                yield f'{where}: overrides name effect "{id}", which is not drawn. {known(effects)}'
                 continue
-            effect = mechanism.effect(id)
+            effect = effects[id]
             every = effect.on == "all"
             kind = kind_named(effect.kind)
-            named = effect.on if kind.names_joints and not every else ()  # a body or a marker may have a joint's name
+            named = (
+                set(effect.on) if kind.names_joints and not every else set()
+            )  # a body or a marker may have a joint's name
             joints = {joint.id: joint.type for joint in mechanism.joints if joint.id in named}
             faults = parameter_faults(kind, parameters, joints, every)
             faults += [
@@ -151,6 +154,9 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
             ]
             for fault in faults or order_faults(kind, {**effect.parameters, **parameters}):
                 yield f'{where}: override of effect "{id}": {fault}'
+    if len(study.tolerances) > MOST_TOLERANCES:
+        yield f"{len(study.tolerances)} tolerances are above the limit of {MOST_TOLERANCES}; name several parts in one"
+        return
     for index, tolerance in enumerate(study.tolerances, start=1):
         where = f'tolerance {index} ("{tolerance.kind}")'
         try:

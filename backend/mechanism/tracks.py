@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -126,8 +127,9 @@ def _csv(path: Path) -> dict[str, Any]:
         problem = f"row {number} has {len(row)} values, the header names {len(header)}{count}; {remedy}"
         raise DrawingError(problem, str(path))
     if len(set(header)) < len(header):
-        twice = sorted({name for name in header if header.count(name) > 1})
-        raise DrawingError(f"column {', '.join(twice)} stands twice in the header; keep one", str(path))
+        twice = sorted(name for name, count in Counter(header).items() if count > 1)
+        more = f" and {len(twice) - SHOWN} more" if len(twice) > SHOWN else ""
+        raise DrawingError(f"column {', '.join(twice[:SHOWN])}{more} stands twice in the header; keep one", str(path))
     cells = list(zip(*rows[1:], strict=True)) or [()] * len(header)
     return dict(zip(header, cells, strict=True))
 
@@ -148,7 +150,7 @@ def _header_faults(form: TableFormat, header: list[str]) -> Iterator[str]:
         yield f"lacks column {', '.join(missing)}; its header is {','.join(header)[:200]}"
     allowed = (*form.numbers, *form.text)
     if unknown := [name for name in header if name not in allowed]:
-        yield f"has unknown column {', '.join(map(repr, unknown))}; remove it. {known(allowed)}"
+        yield f"has unknown column {', '.join(map(repr, unknown))[:1000]}; remove it. {known(allowed)}"
 
 
 def _numbers(cells: Any, column: str, finite: bool) -> tuple[np.ndarray, list[str]]:
@@ -184,9 +186,10 @@ def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
     (key,) = form.keys
     types = {joint.id: joint.type for joint in mechanism.joints}
     ids = {marker.id for marker in mechanism.markers} if key == "marker" else types.keys()
+    drawn = known(ids)
     for name, row in _first_rows(table[key]):
         if name not in ids:
-            yield f'row {row}: {key} "{name}" is not drawn; rename it or draw it. {known(ids)}'
+            yield f'row {row}: {key} "{name}" is not drawn; rename it or draw it. {drawn}'
         elif (
             key == "joint" and types[name] in WITHOUT_COORDINATE and not (types[name] == "fixed" and "effort" in table)
         ):
@@ -198,9 +201,14 @@ def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
 
 def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
     effects = {effect.id: effect for effect in mechanism.effects}
-    for (effect, parameter), row in _first_rows(zip(table["effect"], table["parameter"], strict=True)):
+    drawn = known(effects)
+    rows_of: dict[tuple[Any, Any], list[int]] = {}
+    for at, pair in enumerate(zip(table["effect"], table["parameter"], strict=True)):
+        rows_of.setdefault(pair, []).append(at)
+    for (effect, parameter), its in rows_of.items():
+        row = its[0] + 2
         if effect not in effects:
-            yield f'row {row}: effect "{effect}" is not drawn; rename it or draw it. {known(effects)}'
+            yield f'row {row}: effect "{effect}" is not drawn; rename it or draw it. {drawn}'
             continue
         kind = kind_named(effects[effect].kind)
         spec = kind.parameters.get(parameter)
@@ -209,7 +217,7 @@ def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]
         elif spec.size > 1:
             yield f"row {row}: {parameter} is a list of {spec.size} and cannot be driven; drive a number"
         else:
-            rows = np.flatnonzero((table["effect"] == effect) & (table["parameter"] == parameter))
+            rows = np.array(its)
             values = table["value"][rows]
             low, high = spec.lower, spec.upper
             wrong = (values < (-np.inf if low is None else low)) | (values > (np.inf if high is None else high))

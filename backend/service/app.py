@@ -16,7 +16,7 @@ from starlette.exceptions import HTTPException
 from backend.service.answers import API
 from backend.service.gate import Gate
 from backend.service.logs import logger
-from backend.service.problems import MEDIA_TYPE, Problem, phrase
+from backend.service.problems import MEDIA_TYPE, Problem, disk_full, phrase
 from backend.service.routes import health, jobs, stored
 from backend.service.service import Service
 
@@ -103,6 +103,13 @@ def _on_busy(request: Request, error: Any) -> JSONResponse:
     return _answer(said, request)
 
 
+def _on_system(request: Request, error: Any) -> JSONResponse:
+    if (said := disk_full(error)) is None:
+        raise error
+    logger().error("disk full", path=request.url.path, error=str(error)[:500])
+    return _answer(said, request)
+
+
 def _on_failure(request: Request, error: Any) -> JSONResponse:
     logger().error("failed", path=request.url.path, exc_info=error)
     return _answer(
@@ -115,5 +122,6 @@ HANDLERS: dict[Any, Any] = {
     RequestValidationError: _on_invalid,
     HTTPException: _on_http,
     OperationalError: _on_busy,
+    OSError: _on_system,
     Exception: _on_failure,
 }

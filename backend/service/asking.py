@@ -9,6 +9,7 @@ from fastapi import Depends, Header, Query, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from backend.service.answers import ProblemAnswer
+from backend.service.gate import OPENED
 from backend.service.keys import owner_of
 from backend.service.problems import KINDS, MEDIA_TYPE, Problem
 from backend.service.service import LOCAL, Service
@@ -22,14 +23,16 @@ def the_service(request: Request) -> Service:
     return request.app.state.service
 
 
-def the_owner(
-    request: Request,
-    shown: Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)],
-) -> str:
+TheKey = Annotated[HTTPAuthorizationCredentials | None, Depends(bearer)]
+
+
+def the_owner(request: Request, shown: TheKey) -> str:
     """Whose things are asked for: the key's owner, or the one of this machine where no key is needed."""
     service = the_service(request)
     if shown is not None:
-        return owner_of(service.database, shown.credentials)
+        owner = owner_of(service.database, shown.credentials)
+        request.scope[OPENED] = True
+        return owner
     if service.settings.keys_required or "authorization" in request.headers:
         raise Problem(
             "no-key",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -26,6 +27,13 @@ class Database:
         self.engine = _engine(url)
         # SQLite lets who waits for its one writer sleep and try again, the unlucky for seconds: threads here queue up.
         self._turn = threading.Lock() if url.startswith("sqlite") else nullcontext()
+
+    @property
+    def digest(self) -> str:
+        """A name of this database that tells neither its user nor a password, the same from wherever it is opened."""
+        url = self.engine.url
+        place = str(Path(url.database or "").resolve()) if url.host is None else f"{url.host}:{url.port}/{url.database}"
+        return hashlib.sha256(place.encode()).hexdigest()
 
     @contextmanager
     def reading(self) -> Iterator[Session]:

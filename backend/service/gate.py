@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
+import re
 import time
 from collections import OrderedDict
 from typing import Any
@@ -15,6 +16,10 @@ from backend.service.settings import Settings
 
 LOOPBACK = ("localhost", "127.0.0.1", "[::1]", "::1")
 MOST_ASKERS = 10_000
+STRANGERS = 10  # times what one key is granted: keys of one address that opened nothing yet, together
+OPENED = "linktwin.opened"  # in the scope of a request whose key opened something
+LARGEST_REQUEST = 2**20  # bytes; a job's request may carry a bed and clicks
+PAGE_UPLOAD = re.compile(r"/ui/_nicegui/client/[^/]+/upload/")
 GRACE_S = 10.0  # before an upload's average speed counts
 READING = ("GET", "HEAD", "OPTIONS")
 
@@ -44,6 +49,9 @@ class Gate:
     def __init__(self, app: Any, settings: Settings):
         self.app, self.settings = app, settings
         self.buckets = Buckets(settings.requests_per_minute, settings.request_burst)
+        # Keys can be invented: those that opened nothing yet share what their address is granted.
+        self.strangers = Buckets(STRANGERS * settings.requests_per_minute, STRANGERS * settings.request_burst)
+        self.known: set[str] = set()
         self.hosts = {*LOOPBACK, settings.host, *settings.allowed_hosts}
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
@@ -51,13 +59,15 @@ class Gate:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        headers = {key.lower(): value.decode("latin-1") for key, value in scope["headers"]}
+        # Of a header that stands twice the first counts, as for the framework.
+        headers = {key.lower(): value.decode("latin-1") for key, value in reversed(list(scope["headers"]))}
+        asker, client = _asker(headers), (scope.get("client") or ("",))[0]
         try:
             self._refuse_strangers(scope, headers)
             if scope["type"] == "websocket":
                 await self.app(scope, receive, send)
                 return
-            self._refuse_too_often(scope, headers)
+            self._refuse_too_often(scope, asker, client)
             taken = Taken(receive, self._largest(scope), self.settings)
             taken.refuse_declared(headers.get(b"content-length"))
         except Problem as problem:
@@ -67,6 +77,10 @@ class Gate:
                 await send({"type": "websocket.close", "code": 1008, "reason": problem.detail[:100]})
             return
         await self.app(scope, taken, send)
+        if asker is not None and scope.get(OPENED):
+            if len(self.known) >= MOST_ASKERS:
+                self.known.clear()
+            self.known.add(asker)
 
     def _refuse_strangers(self, scope: Any, headers: dict[bytes, str]) -> None:
         host = headers.get(b"host", "")
@@ -84,13 +98,13 @@ class Gate:
         if origin is not None and writes and urlsplit(origin).netloc != host:
             raise Problem("foreign-origin", f"A page of {origin[:100]!r} may not do this; use the service's own page.")
 
-    def _refuse_too_often(self, scope: Any, headers: dict[bytes, str]) -> None:
+    def _refuse_too_often(self, scope: Any, asker: str | None, client: str) -> None:
         if not scope["path"].startswith("/api/"):
             return
-        shown = headers.get(b"authorization")
-        client = (scope.get("client") or ("",))[0]
-        asker = hashlib.sha256(shown.encode()).hexdigest() if shown else client
-        if wait_s := self.buckets.wait_s(asker):
+        wait_s = self.buckets.wait_s(asker or client)
+        if asker is not None and asker not in self.known:
+            wait_s = max(wait_s, self.strangers.wait_s(client))
+        if wait_s:
             raise Problem(
                 "too-often",
                 f"{self.settings.requests_per_minute} requests a minute are granted; try again in {wait_s:.1f} s.",
@@ -99,11 +113,19 @@ class Gate:
 
     def _largest(self, scope: Any) -> int:
         path = scope["path"]
-        if path.startswith(("/api/v1/videos", "/ui")):  # the page takes clips too
+        if path.startswith("/api/v1/videos") or PAGE_UPLOAD.match(path):  # the page takes clips too
             return self.settings.largest_video
+        if path.startswith(("/api/v1/jobs", "/ui")):
+            return min(LARGEST_REQUEST, self.settings.largest_document)
         if path.startswith(("/api/v1/mechanisms", "/api/v1/studies")):
             return self.settings.largest_archive
         return self.settings.largest_document
+
+
+def _asker(headers: dict[bytes, str]) -> str | None:
+    """A digest of the key that is shown, however it is written; None where none is."""
+    key = headers.get(b"authorization", "").partition(" ")[2].strip()
+    return hashlib.sha256(key.encode()).hexdigest() if key else None
 
 
 class Taken:

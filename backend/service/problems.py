@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from typing import Any
@@ -28,7 +29,7 @@ KINDS: dict[str, tuple[int, str]] = {
     "key-reused": (422, "The Idempotency-Key stood for another request"),
     "too-often": (429, "Too many requests"),
     "too-many-jobs": (429, "Too many jobs at once"),
-    "storage-full": (507, "The storage granted is full"),
+    "storage-full": (507, "The storage is full"),
     "internal": (500, "The service failed"),
     "unavailable": (503, "The service cannot work at the moment"),
 }
@@ -62,6 +63,13 @@ class Problem(Exception):
 def not_found(what: str, id: str) -> Problem:
     """Nothing of that id is the asker's; whether it is somebody else's is not said."""
     return Problem("not-found", f"There is no {what} {id[:80]!r} of yours; list them to see what there is.")
+
+
+def disk_full(error: OSError) -> Problem | None:
+    """What to answer where no room is left on the service's disk; None for any other error of the system."""
+    if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        return None
+    return Problem("storage-full", "The service's disk is full; ask whoever runs it to make room, then try again.")
 
 
 def phrase(status: int) -> str:

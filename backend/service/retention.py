@@ -8,13 +8,17 @@ import time
 from sqlmodel import col, select
 
 from backend.service.jobs.desk import forget_job
+from backend.service.logs import logger
 from backend.service.problems import Problem
 from backend.service.records import Job, Repeat, StoredFile, Thing, Worker
 from backend.service.service import Service
 from backend.service.states import FINISHED
+from backend.service.storage import OWNER
 from backend.service.things import CHECKPOINT, delete_thing, drop_files
 
 DAY_S = 86_400.0
+
+_warned: set[str] = set()  # of storages: once a process
 
 
 def tidy_up(service: Service) -> None:
@@ -61,9 +65,30 @@ def _drop_strays(service: Service, before: float) -> None:
     """Files in storage or scratch that nothing names; young ones may belong to an upload on its way."""
     with service.database.reading() as session:
         named = set(session.exec(select(StoredFile.key)))
-    for key, written in service.storage.written():
-        if written < before and key.removesuffix(".part") not in named:
+    files = dict(service.storage.written())
+    strays = [key for key, written in files.items() if written < before and key.removesuffix(".part") not in named]
+    if _belongs(service, known=not files or not named.isdisjoint(files)):
+        for key in strays:
             service.storage.drop(key)
+    elif strays and service.storage.root not in _warned:
+        _warned.add(service.storage.root)
+        logger().warning(
+            f"{len(strays)} files that no record names are kept, since they may be another database's; "
+            f"drop them by hand, or, where they are this one's, remove {OWNER} beside them",
+            storage=service.storage.root,
+        )
     for path in service.settings.scratch.iterdir():
         if path.name != "jobs" and path.stat().st_mtime < before:
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _belongs(service: Service, known: bool) -> bool:
+    """Whether the storage is this database's: beside another one, every file there would be a stray.
+
+    known: whether nothing lies there, or something that records here name; it is then this database's from now on.
+    """
+    mine, owner = service.database.digest, service.storage.owner()
+    if owner is None and known:
+        service.storage.belong_to(mine)
+        return True
+    return owner == mine

@@ -32,7 +32,7 @@ class Settings(BaseSettings):
     require_keys: bool | None = None  # None: everywhere but on loopback
     allowed_hosts: tuple[str, ...] = ()  # further names under which the service may be asked
 
-    largest_document: int = 16 * MIB  # mechanism.json, study.json and a job's request
+    largest_document: int = 16 * MIB  # mechanism.json and study.json
     largest_archive: int = 256 * MIB  # a folder as sent
     largest_folder: int = 512 * MIB  # a folder unpacked
     largest_table: int = 32 * MIB
@@ -48,7 +48,7 @@ class Settings(BaseSettings):
     requests_per_minute: int = 600
     request_burst: int = 200
     event_streams_per_owner: int = 32
-    retention_days: float | None = None  # None: kept until deleted
+    retention_days: Annotated[float, Field(gt=0.0)] | None = None  # None: kept until deleted
 
     job_command: tuple[str, ...] = (sys.executable, "-c", "from backend.cli import main; main()")
     job_timeout_s: float = 24 * 3600.0

@@ -46,7 +46,7 @@ class Kept:
             self.died(self.name)
             self.quick = self.quick + 1 if now - self.began < QUICK_S else 0
             self.process = None
-        if now >= self.began + min(SLOWEST_S, 2.0 ** (self.quick - 1) if self.quick else 0.0):
+        if now >= self.began + min(SLOWEST_S, 2.0 ** min(self.quick - 1, 4) if self.quick else 0.0):
             self.name, self.began, self.pulse = str(uuid.uuid4()), now, Pulse.open()
             self.process = self.start(self.name, self.pulse)
             os.close(self.pulse.writing)

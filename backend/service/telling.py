@@ -47,11 +47,12 @@ def file_answer(file: StoredFile, base: str) -> FileAnswer:
 
 
 def list_answer(items: list[Any], total: int, limit: int, offset: int, path: str) -> ListAnswer[Any]:
-    """A slice as it is told; path: of the list."""
+    """A slice as it is told; path: of the list, with what it is asked for by."""
     more = offset + len(items) < total and items
+    joined = "&" if "?" in path else "?"
     return ListAnswer(
         items=items, total=total, limit=limit, offset=offset,
-        next=f"{path}?limit={limit}&offset={offset + limit}" if more else None,
+        next=f"{path}{joined}limit={limit}&offset={offset + limit}" if more else None,
     )  # fmt: skip
 
 

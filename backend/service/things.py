@@ -50,7 +50,7 @@ def keep_thing(
     if not again:  # what is there already takes no more room
         weigh(service, owner, size)
     kept: dict[str, Kept] = {}
-    recorded = False
+    committing = False
     try:
         for path, file in files.items():
             kept[path] = service.storage.put(file)
@@ -64,10 +64,12 @@ def keep_thing(
             session.add(thing)
             session.add_all(stored(thing.id, path, file) for path, file in kept.items())
             remember(session, owner, repeat_key, told, thing.id)
-        recorded = True
+            session.flush()
+            # Whether a commit whose answer is lost was done nobody knows: files that no record names are tidied up.
+            committing = True
         return thing
     finally:
-        if not recorded:
+        if not committing:
             for file in kept.values():
                 service.storage.drop(file.key)
 
@@ -125,16 +127,18 @@ def read_file(service: Service, file: StoredFile) -> Iterator[bytes]:
 
 def delete_thing(service: Service, owner: str, kind: Kind, id: str) -> None:
     """Drop a thing and its files; Problem `in-use` while an unfinished job needs it."""
-    thing = find_thing(service, owner, kind, id)
     with service.database.writing() as session:
+        locked_account(session, owner)  # who starts a job or deletes holds it too: one after the other
+        thing = session.get(Thing, id)
+        if thing is None or thing.owner != owner or thing.kind != kind:
+            raise not_found(kind, id)
         waiting = session.exec(select(Job).where(Job.owner == owner, col(Job.state).not_in(FINISHED)))
         if needing := next((job for job in waiting if thing.id in job.request.values()), None):
             raise Problem("in-use", f"Job {needing.id} still needs this {kind}; wait for it, or cancel it first.")
         keys = drop_files(session, thing.id)
         forget(session, thing.id)
-        if (there := session.get(Thing, thing.id)) is not None:
-            session.delete(there)
-            refund(session, owner, thing.bytes)
+        session.delete(thing)
+        refund(session, owner, thing.bytes)
     for key in keys:
         service.storage.drop(key)
 

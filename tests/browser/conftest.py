@@ -34,11 +34,16 @@ SLOW = os.environ.get("LINKTWIN_SLOW") == "1"
 
 
 @pytest.fixture(scope="session")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str]]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the service keeps everything."""
+    return tmp_path_factory.mktemp("served")
+
+
+@pytest.fixture(scope="session")
+def served(folder: Path) -> Iterator[tuple[str, str]]:
     """Where the page of a running service is, and a key to it: one web process, one worker, an empty data folder."""
     if CHROMIUM is None:
         pytest.skip("no Chromium on this machine: install the distribution's package `chromium`")
-    folder = tmp_path_factory.mktemp("served")
     key = _key(folder)
     draw_meshes(ROOT / "samples" / "pendulum", folder / "scratch" / "page" / "sample-pendulum")
     command = [sys.executable, "-c", "from backend.cli import main; main()"]

@@ -8,8 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from backend.service.keys import make_key, revoke_key
+from backend.service.service import open_service
+from backend.service.settings import Settings
 from tests.browser.clip import film_pendulum
-from tests.browser.conftest import SLOW
+from tests.browser.conftest import COOKIE, SLOW
 from tests.browser.cost import spent_s
 
 PREPARED = Path(__file__).parent / "prepared"
@@ -131,6 +134,18 @@ def test_whoever_has_a_key_signs_in_and_out(visit, served, study):
     page.locator(f"a[href$='{study}']").wait_for()
     page.get_by_role("button", name="Sign out").click()
     page.get_by_role("heading", name="Sign in").wait_for()
+
+
+def test_an_open_view_ends_with_its_key(visit, served, folder):
+    service = open_service(Settings(data_folder=str(folder)))
+    key, text = make_key(service.database, "passer-by")
+    page = visit(signed_in=False)
+    page.context.add_cookies([{"name": COOKIE, "value": text, "url": served[0]}])
+    page.goto(served[0])
+    page.get_by_text("Sign out").wait_for()
+    revoke_key(service.database, key.id)
+    page.get_by_text("unknown or was revoked").wait_for()  # nothing was pressed
+    service.close()
 
 
 def test_work_is_watched_and_cancelled(visit, tmp_path):

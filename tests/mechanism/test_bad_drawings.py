@@ -1,12 +1,14 @@
 """Every kind of bad drawing is refused in a sentence with the part, the number and the remedy."""
 
 import json
+import time
 
 import pytest
 
-from backend.mechanism.drawing_error import DrawingError
+from backend.mechanism.drawing_error import MOST_LISTED, DrawingError
+from backend.mechanism.effect import MOST_PLACES
 from backend.mechanism.mechanism import Mechanism
-from backend.mechanism.read import parse_mechanism, read_mechanism
+from backend.mechanism.read import decode, parse_mechanism, read_mechanism
 
 
 def put(*path_and_value):
@@ -425,3 +427,28 @@ def test_an_unknown_id_lists_the_known_ones(drawings):
             find("nobody")
     with pytest.raises(DrawingError, match=r'there is no marker "toe".*"tip"'):
         mechanism.marker("toe")
+
+
+def test_a_repeated_key_among_many_is_found_at_once():
+    keys = ", ".join(f'"k{number}": 0' for number in range(200_000))
+    began = time.process_time()
+    with pytest.raises(DrawingError, match=r"key 'k0', 'k1', .* and 199995 more stands twice"):
+        decode(f"{{{keys}, {keys}}}", "mechanism.json")
+    assert time.process_time() - began < 5.0  # counted one by one: an hour
+
+
+@pytest.mark.parametrize("known", [0, 20_000])
+def test_a_hostile_list_of_places_is_refused_at_once_and_in_a_few_lines(drawings, known):
+    document = drawings.pendulum()
+    document["markers"] += [{**document["markers"][0], "id": f"m{number}"} for number in range(known)]
+    effect = {"kind": "marker_offset", "on": [f"none{number}" for number in range(10_000)], "parameters": {}}
+    document["effects"] = [{**effect, "id": f"e{number}"} for number in range(3)]
+    began = time.process_time()
+    with pytest.raises(DrawingError) as refusal:
+        parse_mechanism(document)
+    assert time.process_time() - began < 5.0
+    assert len(refusal.value.problems) == MOST_LISTED + 1
+    assert "none0" in refusal.value.problems[0]
+    document["effects"][0]["on"] = [f"m{number}" for number in range(MOST_PLACES + 1)]
+    with pytest.raises(DrawingError, match="on has 20001 names, above the limit of 20000"):
+        parse_mechanism(document)

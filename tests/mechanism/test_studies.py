@@ -1,6 +1,7 @@
 """Studies: good ones are read with their tables, bad ones refused by file, row and remedy."""
 
 import json
+import time
 
 import numpy as np
 import pandas as pd
@@ -8,6 +9,7 @@ import pytest
 
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.fit_report import FitReport
+from backend.mechanism.jam_report import run_folder
 from backend.mechanism.read import parse, parse_mechanism, parse_study, read_study
 from backend.mechanism.study import StudyFile, study_problems
 from tests.mechanisms import document, effect, fourbar, pendulum
@@ -369,3 +371,24 @@ def test_a_fit_report_says_what_the_data_do_not_bound():
     assert report.parameters[0].ci95 == (0.0, None)
     with pytest.raises(DrawingError, match="wall_s is -1"):
         parse(FitReport, {**document, "wall_s": -1}, "fit.json")
+
+
+def test_every_experiment_has_a_folder_of_its_own_among_the_files_of_its_study():
+    ids = ["run 1", "run_1", "r#1", "r 1", "report.json", "jam.json", "jam.html", ".", "..", "../..", "###", "ä" * 300]
+    folders = [run_folder(id) for id in ids]
+    assert len(set(folders)) == len(ids)
+    assert folders[1] == "run_1"  # a plain name stays as it is
+    for folder in folders:
+        assert folder
+        assert "/" not in folder
+        assert not folder.startswith(".")
+        assert not folder.endswith((".json", ".html"))
+        assert len(folder.encode()) < 200
+
+
+def test_a_table_of_many_repeated_columns_is_refused_at_once(study):
+    names = ",".join(f"c{number}" for number in range(100_000))
+    began = time.process_time()
+    with pytest.raises(DrawingError, match="column c0, c1, c10, c100, c1000 and 99995 more stands twice"):
+        study(table("q.csv", f"{names},{names}\n"))
+    assert time.process_time() - began < 5.0  # counted one by one: an hour

@@ -1,7 +1,9 @@
 """What somebody sends to break it: refused in a sentence, with bounded memory, and the service goes on."""
 
+import errno
 import io
 import json
+import os
 import resource
 import socket
 import struct
@@ -67,6 +69,18 @@ def test_an_archive_that_lies_about_its_sizes_is_refused(client):
 def test_an_archive_of_too_many_files_is_refused(client):
     many = zipped({"mechanism.json": FOURBAR.read_bytes(), **{f"m/{k}.csv": b"a" for k in range(2100)}})
     refused(client.post("/api/v1/mechanisms", content=many, headers=ZIP), 413, "too-large")
+
+
+def test_an_archive_that_is_all_directory_is_refused_before_it_is_read(client):
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as archive:
+        for number in range(40):
+            entry = zipfile.ZipInfo(f"{number}.txt")
+            entry.comment = b"-" * 60_000
+            archive.writestr(entry, b"")
+    answer = client.post("/api/v1/mechanisms", content=made.getvalue(), headers=ZIP)
+    refused(answer, 413, "too-large")
+    assert "directory has 240" in answer.json()["detail"]
 
 
 @pytest.mark.parametrize(
@@ -361,3 +375,20 @@ def test_results_that_are_pages_are_kept_apart_from_the_service(client, drawing)
     answer = client.get(f"/api/v1/mechanisms/{drawing}/files/mechanism.json")
     assert "sandbox" in answer.headers["content-security-policy"]
     assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EDQUOT])
+@pytest.mark.parametrize("where", ["storage.os.fsync", "intake.folder._write", "routes.uploads._copy"])
+def test_a_full_disk_is_told_as_such_and_nothing_is_left_by_half(client, tmp_path, monkeypatch, where, error):
+    def full(*given):
+        raise OSError(error, os.strerror(error))
+
+    monkeypatch.setattr(f"backend.service.{where}", full)
+    if where.endswith("_copy"):
+        answer = client.post("/api/v1/mechanisms", files={"files": ("mechanism.json", FOURBAR.read_bytes())})
+    else:
+        answer = client.post(
+            "/api/v1/mechanisms", content=zipped({"mechanism.json": FOURBAR.read_bytes()}), headers=ZIP
+        )
+    refused(answer, 507, "storage-full")
+    assert [path for path in (tmp_path / "data" / "files").rglob("*") if path.is_file()] == []

@@ -5,12 +5,13 @@ import sys
 
 import pytest
 
+from backend.service.gate import Gate
 from backend.service.keys import list_keys, make_key, revoke_key
 from backend.service.records import ApiKey
 from backend.service.states import FINISHED
 from tests.service.asked import refused
 from tests.service.conftest import JSON
-from tests.service.serving import FOURBAR
+from tests.service.serving import FOURBAR, events, settings_in
 
 
 def key_of(service, owner):
@@ -102,6 +103,43 @@ def test_who_asks_too_often_is_told_when_to_come_back(opened):
     assert [answer.status_code for answer in answers[:5]] == [200] * 5
     refused(answers[-1], 429, "too-often")
     assert int(answers[-1].headers["retry-after"]) >= 1
+
+
+def test_a_key_is_one_asker_however_it_is_written_and_invented_keys_are_counted_together(opened):
+    service, client = opened(requests_per_minute=60, request_burst=5)
+    key = make_key(service.database, "ada")[1]
+    ways = [f"Bearer {key}", f"bearer {key}", f"BEARER {key}", f"Bearer   {key}"]
+    answers = [client.get("/api/v1/jobs", headers={"Authorization": way}).status_code for way in 2 * ways]
+    assert answers[:5] == [200] * 5
+    assert answers[-1] == 429
+    spent = make_key(service.database, "bob")[1]
+    assert client.get("/api/v1/jobs", headers={"Authorization": f"Bearer {spent}"}).status_code == 200
+    for at in range(60):  # a new key each time, on an address that names no owner too
+        path = "jobs" if at % 2 else "openapi.json"
+        answer = client.get(f"/api/v1/{path}", headers={"Authorization": f"Bearer invented{at}"})
+    refused(answer, 429, "too-often")
+    assert client.get("/api/v1/jobs", headers={"Authorization": f"Bearer {spent}"}).status_code == 200
+
+
+def test_a_stream_of_events_ends_when_its_key_is_revoked(opened, monkeypatch):
+    monkeypatch.setattr("backend.service.jobs.desk.MAY_EVERY_S", 0.5)
+    service, client = opened(require_keys=True)
+    key, text = make_key(service.database, "ada")
+    client.headers["Authorization"] = f"Bearer {text}"
+    drawn = client.post("/api/v1/mechanisms", content=FOURBAR.read_bytes(), headers=JSON).json()["id"]
+    job = client.post("/api/v1/jobs", json={"kind": "simulate", "mechanism": drawn}).json()["id"]
+    stream = events(client, job)
+    assert next(stream)[0] == "progress"
+    revoke_key(service.database, key.id)
+    assert list(stream) == []  # the job waits on, and is watched by nobody
+
+
+@pytest.mark.parametrize(
+    ("path", "largest"),
+    [("/api/v1/jobs", 2**20), ("/ui/sign-in", 2**20), ("/ui/_nicegui/client/a/upload/7", 2**32)],
+)
+def test_a_body_is_as_large_as_its_address_needs(tmp_path, path, largest):
+    assert Gate(None, settings_in(tmp_path))._largest({"path": path}) == largest
 
 
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", ""])

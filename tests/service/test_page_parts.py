@@ -1,27 +1,39 @@
 """Parts of the page that need no browser: releases read off tables, links that cannot be forged, planes of motion."""
 
 import asyncio
+import errno
 import json
 import os
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
+import httpx
 import numpy as np
 import pytest
+from fastapi import FastAPI
 
 from backend.mechanism.read import read_mechanism
 from backend.observe.camera import Camera, Deviations, write_camera
-from backend.service.page import running
+from backend.service.jobs.desk import start_job
+from backend.service.jobs.requests import FitRequest
+from backend.service.page import results, running
 from backend.service.page.access import share_token, shared_job
 from backend.service.page.bed_file import known
 from backend.service.page.clip_view import PLANES, STICK, asked_for, ready, sentences
+from backend.service.page.compose_view import _tracked
+from backend.service.page.files import add_files
 from backend.service.page.marked_before import marked_before
 from backend.service.page.runs import kind_of, released
 from backend.service.page.stage import on_stage, plane_of_motion
+from backend.service.page.upload import told
 from backend.service.problems import Problem
 from backend.service.records import Job
-from backend.service.service import open_service
-from tests.service.serving import settings_in
+from backend.service.service import LOCAL, open_service
+from backend.service.studies import store_study
+from backend.service.things import files_of, stored
+from tests.service.serving import FOURBAR, settings_in
+from tests.service.test_routes import STUDY, TRACKS
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 MEASURED = SAMPLES / "pendulum" / "measured"
@@ -46,6 +58,17 @@ def test_a_table_of_another_kind_is_refused_with_what_is_taken(tmp_path):
         kind_of(tmp_path / "odd.csv", "odd.csv")
 
 
+def test_a_table_that_is_none_is_refused_and_measured_by_nobody(tmp_path):
+    wide = "x" * 200_000
+    (tmp_path / "wide.csv").write_text(wide)
+    with pytest.raises(Problem, match=r"wide\.csv is no table .*131072"):
+        kind_of(tmp_path / "wide.csv", "wide.csv")
+    (tmp_path / "later.csv").write_text(f"time_s,marker,x_m,y_m,z_m\n0,tip,0,0,0\n0.1,{wide},0,0,0\n")
+    assert released(tmp_path / "later.csv", "tracks") is None
+    assert told(OSError(errno.ENOSPC, "full")).kind == "storage-full"
+    assert told(KeyError("what")).kind == "internal"
+
+
 def test_a_shared_link_opens_its_own_result_alone(tmp_path):
     settings = settings_in(tmp_path)
     settings.data_folder.mkdir()
@@ -63,6 +86,41 @@ def test_a_shared_link_opens_its_own_result_alone(tmp_path):
         assert (settings.data_folder / "share.key").stat().st_mode & 0o077 == 0
     finally:
         service.close()
+
+
+def test_a_shared_link_shows_the_meshes_of_its_drawing_and_nothing_else_of_the_study(tmp_path):
+    service = open_service(settings_in(tmp_path))
+    mesh = bytes(84)  # an STL of no triangles
+    files = {"mechanism.json": FOURBAR.read_text(), "study.json": json.dumps(STUDY), "e1.csv": TRACKS}
+    laid = {}
+    for number, (path, text) in enumerate(files.items()):
+        laid[path] = tmp_path / str(number)
+        laid[path].write_text(text)
+    for path in ("meshes/crank.stl", "secret.stl"):
+        laid[path] = tmp_path / path.replace("/", "-")
+        laid[path].write_bytes(mesh)
+    study = store_study(service, LOCAL, laid)
+    job = start_job(service, LOCAL, FitRequest(kind="fit", study=study.id, free=["coulomb_friction:*"]))
+    app = FastAPI()
+    add_files(app, lambda: service)
+    base = f"http://here/shared-files/{job.id}/{share_token(service, job.id)}/subject"
+
+    async def asked(path):
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app)) as browser:
+            return await browser.get(f"{base}/{path}")
+
+    assert asyncio.run(asked("meshes/crank.stl")).content == mesh
+    for path in ("all.zip", "study.json", "mechanism.json", "e1.csv", "secret.stl"):
+        assert asyncio.run(asked(path)).status_code == 404, path
+    service.close()
+
+
+def test_an_empty_key_signs_no_link(tmp_path):
+    service = open_service(settings_in(tmp_path))
+    (service.settings.data_folder / "share.key").write_bytes(b"")
+    with pytest.raises(Problem, match=r"0 of 32 bytes; remove it"):
+        share_token(service, "a job")
+    service.close()
 
 
 @pytest.mark.parametrize(
@@ -206,3 +264,68 @@ def test_a_mesh_that_was_not_sent_is_not_asked_for():
     assert meshes["crank"] == []
     assert meshes["rocker"] == [{"url": "/files/meshes/rocker.stl", "scale_to_m": 0.001}]
     assert all(len(body["points_m"]) >= 2 for body in drawn["bodies"])  # so that it can be drawn as a bar
+
+
+def test_what_was_tracked_in_a_clip_that_was_deleted_is_shown_and_studied_all_the_same(tmp_path, monkeypatch):
+    service = open_service(settings_in(tmp_path))
+    (tmp_path / "report.json").write_text("{}")
+    with service.database.writing() as session:
+        job = Job(owner=LOCAL, kind="track", request={"video": ID, "mechanism": ID}, state="succeeded")
+        files = {"report.json": tmp_path / "report.json", "tracks.csv": MEASURED / "low.csv"}
+        session.add_all([job, *(stored(job.id, path, service.storage.put(file)) for path, file in files.items())])
+    shown = []
+    monkeypatch.setattr(results, "Film", lambda clip, preview, *rest: shown.append((clip, preview)))
+    for part in ("notice", "tag", "facts", "film_tracks"):
+        monkeypatch.setattr(results, part, lambda *words, **more: nullcontext())
+    results.tracking(service, job, "files/jobs/", "files/videos/")
+    assert shown == [("files/jobs/preview.mp4", "files/jobs/preview.mp4")]
+    (run,) = _tracked(service, LOCAL, ID, tmp_path)
+    assert run.id == "a_deleted_clip"
+    service.close()
+
+
+def test_a_file_on_its_way_is_served_to_nobody(tmp_path, monkeypatch):
+    service = open_service(settings_in(tmp_path, storage_url="memory://half-fetched"))
+    (tmp_path / "clip").write_bytes(b"a" * 1000)
+    with service.database.writing() as session:
+        session.add(stored(ID, "clip.mp4", service.storage.put(tmp_path / "clip")))
+    kept = files_of(service, ID)[0].key
+    seen = []
+
+    def breaks_off(source, target, size):
+        target.write(b"half")
+        target.flush()
+        seen.append(running.place(service, f"{kept}.mp4").exists())
+        raise ConnectionError
+
+    with monkeypatch.context() as line:
+        line.setattr("backend.service.storage.shutil.copyfileobj", breaks_off)
+        with pytest.raises(ConnectionError):
+            running.brought(service, ID, "clip.mp4")
+    assert seen == [False]
+    assert running.brought(service, ID, "clip.mp4").read_bytes() == b"a" * 1000
+    assert len(list(running.place(service, "").iterdir())) == 1
+    service.close()
+
+
+def test_two_who_ask_for_a_file_first_both_get_it(tmp_path):
+    service = open_service(settings_in(tmp_path))
+    kept = service.storage.put(FOURBAR)
+    for _ in range(2):  # as if the other had looked before this one was done
+        service.storage.bring(kept.key, tmp_path / "there")
+    assert (tmp_path / "there").read_bytes() == FOURBAR.read_bytes()
+    service.close()
+
+
+def test_a_check_that_is_cut_off_is_made_again(tmp_path, monkeypatch):
+    service = open_service(settings_in(tmp_path))
+
+    async def said(service, *words):
+        return "\ud800"  # cannot be written
+
+    monkeypatch.setattr(running, "brought", lambda service, thing, drawing: tmp_path / "mechanism.json")
+    monkeypatch.setattr(running, "linktwin", said)
+    with pytest.raises(UnicodeEncodeError):
+        asyncio.run(running.checked(service, "a", "mechanism.json"))
+    assert list(running.place(service, "").iterdir()) == []
+    service.close()

@@ -6,9 +6,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from backend.service.jobs.desk import find_job
+from backend.service.jobs.desk import cancel_job, delete_job, find_job, start_job
+from backend.service.jobs.requests import SimulateRequest
 from backend.service.keys import make_key, owner_of
+from backend.service.mechanisms import store_mechanism_document
+from backend.service.problems import Problem
+from backend.service.records import Job
 from backend.service.service import open_service
+from backend.service.things import delete_thing, locked_account
 from tests.service.asked import refused
 from tests.service.conftest import JSON, asking
 from tests.service.postgres import postgres
@@ -41,6 +46,47 @@ def test_many_uploads_at_once_are_counted_to_the_byte_and_never_beyond_the_quota
         refused(client.get("/api/v1/mechanisms/%00", headers=shown), 422, "invalid")
         text = FOURBAR.read_text().replace('"name": "fourbar"', '"name": "a\\u0000b"')
         refused(client.post("/api/v1/mechanisms", content=text.encode(), headers=shown), 422, "invalid")
+
+
+def test_what_is_deleted_by_many_at_once_is_counted_off_once_and_needed_by_no_job(url, tmp_path):
+    service = open_service(settings_in(tmp_path, database_url=url))
+    owner, text = "carol", FOURBAR.read_bytes()
+    kept = store_mechanism_document(service, owner, text)
+
+    def quietly(ask, *given):
+        try:
+            return ask(service, owner, *given)
+        except Problem as problem:
+            return problem.kind
+
+    with ThreadPoolExecutor(8) as many:
+        for _ in range(5):
+            thing = store_mechanism_document(service, owner, text)
+            said = list(many.map(lambda _, id=thing.id: quietly(delete_thing, "mechanism", id), range(8)))
+            assert sorted(said, key=str) == [None, *["not-found"] * 7]
+            asked = SimulateRequest(kind="simulate", mechanism=kept.id)
+            job = cancel_job(service, owner, start_job(service, owner, asked).id)
+            with service.database.writing() as session:  # as if it had written something
+                session.get_one(Job, job.id).bytes = 1000
+                locked_account(session, owner).stored_bytes += 1000
+            list(many.map(lambda _, id=job.id: quietly(delete_job, id), range(8)))
+            weighed(service, owner, kept.bytes)
+        for _ in range(10):
+            thing = store_mechanism_document(service, owner, text)
+            asked = SimulateRequest(kind="simulate", mechanism=thing.id)
+            begun = many.submit(quietly, start_job, asked)
+            gone = many.submit(quietly, delete_thing, "mechanism", thing.id).result()
+            assert (begun.result(), gone).count("not-found") + (gone == "in-use") == 1
+            if gone == "in-use":
+                cancel_job(service, owner, begun.result().id)
+                delete_thing(service, owner, "mechanism", thing.id)
+    weighed(service, owner, kept.bytes)
+    service.close()
+
+
+def weighed(service, owner, size):
+    with service.database.writing() as session:
+        assert locked_account(session, owner).stored_bytes == size
 
 
 def test_a_killed_worker_loses_no_job_on_postgresql(url, tmp_path):

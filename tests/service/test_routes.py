@@ -149,6 +149,18 @@ def test_lists_come_in_slices_newest_first(client):
     assert seen == ids[::-1]
 
 
+def test_a_list_of_jobs_in_one_state_goes_on_in_that_state(client, drawing):
+    asked = {"kind": "simulate", "mechanism": drawing}
+    ids = [client.post("/api/v1/jobs", json=asked).json()["id"] for _ in range(4)]
+    client.delete(f"/api/v1/jobs/{ids[1]}")
+    seen, path = [], "/api/v1/jobs?state=queued&limit=2"
+    while path:
+        part = client.get(path).json()
+        seen += [job["id"] for job in part["items"]]
+        path = part["next"]
+    assert seen == [ids[3], ids[2], ids[0]]
+
+
 def test_what_an_unfinished_job_needs_is_kept_and_what_is_deleted_is_gone(client, drawing):
     asked = {"kind": "simulate", "mechanism": drawing}
     job = client.post("/api/v1/jobs", json=asked).json()["id"]

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from backend.service.pulse import Pulse
-from backend.service.supervise import Kept
+from backend.service.supervise import SLOWEST_S, Kept
 from tests.service.serving import until
 
 BEATS = """
@@ -66,3 +66,15 @@ def test_a_process_that_runs_and_one_that_has_not_begun_to_beat_are_left_alone(k
         runs.look(), starts.look()
         time.sleep(0.05)
     assert (runs.process, starts.process) == first
+
+
+def test_a_process_that_never_holds_is_started_again_for_ever(keep):
+    one = keep("raise SystemExit(1)")
+    one.process.wait()
+    one.quick = 5000  # half a day of it
+    one.look()
+    assert one.quick == 5001
+    assert one.process is None  # not before the longest pause is over
+    one.began -= SLOWEST_S
+    one.look()
+    assert one.process is not None

@@ -1,13 +1,19 @@
 """A worker's work on one job, done in this process: real commands, limits, checkpoints, claims."""
 
 import json
+import os
 import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import event
+from sqlalchemy.exc import OperationalError
+from sqlmodel import Session
 
+from backend.service.jobs import work
+from backend.service.jobs.checkpoint import Checkpoints
 from backend.service.jobs.command import arguments
 from backend.service.jobs.desk import cancel_job, find_job, job_files, job_report, list_jobs, start_job
 from backend.service.jobs.holding import HeldElsewhere, claim, finish, lost
@@ -166,6 +172,65 @@ def test_a_job_whose_process_is_always_killed_is_given_up(opened):
     assert "signal 9" in job.message
 
 
+def failing(monkeypatch, owner, name, times, error):
+    """Let a function fail so many times, then do its work; the list of its calls."""
+    done, calls = getattr(owner, name), []
+
+    def fails_first(*given):
+        calls.append(given)
+        if len(calls) <= times:
+            raise error
+        return done(*given)
+
+    monkeypatch.setattr(owner, name, fails_first)
+    return calls
+
+
+AWAY = OperationalError("SELECT 1", {}, Exception("the database is away"))
+
+
+def test_a_hiccup_of_the_database_or_the_storage_does_not_end_the_work(opened, monkeypatch, tmp_path):
+    service = opened(poll_s=0.02, most_attempts=1)
+    job = simulation(service, duration_s=1.0)
+    hiccups = [
+        failing(monkeypatch, work, "lost", 2, AWAY),
+        failing(monkeypatch, work, "note_progress", 2, AWAY),
+        failing(monkeypatch, Checkpoints, "copy", 2, OSError("the storage is away")),
+    ]
+    job = done(service, job)
+    assert (job.state, job.attempt, job.crashes) == ("succeeded", 1, 0)
+    assert all(len(calls) > 2 for calls in hiccups)
+    assert (tmp_path / "ledger").read_text().count("start") == 1
+
+
+@pytest.mark.parametrize("name", ["bring", "put"], ids=["before the work", "after the work"])
+def test_storage_that_is_away_costs_a_job_no_attempt(opened, monkeypatch, tmp_path, name):
+    service = opened(most_attempts=1, heartbeat_s=0.01)
+    job = simulation(service, duration_s=0.1)
+    failing(monkeypatch, service.storage, name, 2, OSError("the storage is away"))
+    job = done(service, job)
+    assert (job.state, job.attempt) == ("succeeded", 1)
+    assert (tmp_path / "ledger").read_text().count("start") == 1
+    assert len(list(service.storage.written())) == 3  # the drawing, the report and the motion
+
+
+def test_a_job_cancelled_while_the_storage_is_away_is_left_alone(opened, monkeypatch):
+    service = opened(heartbeat_s=0.01)
+    job = simulation(service, duration_s=0.1)
+
+    def away(*given):
+        cancel_job(service, LOCAL, job.id)
+        raise OSError("the storage is away")
+
+    monkeypatch.setattr(service.storage, "put", away)
+    assert done(service, job).state == "cancelled"
+
+
+def test_pauses_after_errors_grow_up_to_a_minute():
+    settings = Settings(heartbeat_s=1.0)
+    assert [work.pause_s(settings, failures) for failures in (0, 1, 5, 6, 5000)] == [1.0, 2.0, 32.0, 60.0, 60.0]
+
+
 def test_who_lost_a_claim_cannot_say_how_the_job_ended(opened):
     service = opened()
     job = simulation(service)
@@ -242,6 +307,29 @@ def test_what_is_past_its_time_goes_and_takes_its_files_with_it(opened):
     assert len(list(service.storage.written())) == 2
 
 
+@pytest.mark.parametrize("marked", [True, False], ids=["marked", "before there were marks"])
+def test_files_of_another_database_are_not_taken_for_strays(opened, tmp_path, marked):
+    service = opened()
+    store_mechanism_document(service, LOCAL, FOURBAR.read_bytes())
+    if marked:
+        tidy_up(service)
+    stray = service.storage.put(FOURBAR).key
+    files = [path for path in (tmp_path / "data" / "files").rglob("*") if len(path.name) == 36]
+    for path in files:
+        os.utime(path, (1, 1))
+    tidy_up(other := opened(database_url=f"sqlite:///{tmp_path / 'other.sqlite'}"))
+    assert len(files) == 2
+    assert all(path.exists() for path in files)
+    tidy_up(service)
+    assert {path.name for path in files if not path.exists()} == {stray}
+    other.close()
+
+
+def test_no_time_at_all_is_no_time_to_keep_things():
+    with pytest.raises(ValueError, match="greater than 0"):
+        Settings(retention_days=0.0)
+
+
 @pytest.mark.parametrize("url", ["file://{folder}/files", "memory://linktwin-storage"])
 def test_storage_keeps_bytes_whole_under_names_of_its_own(tmp_path, url):
     storage = Storage(url.format(folder=tmp_path))
@@ -258,6 +346,25 @@ def test_storage_keeps_bytes_whole_under_names_of_its_own(tmp_path, url):
     assert kept.key not in {key for key, _ in storage.written()}
     with pytest.raises(FileNotFoundError):
         storage.read(kept.key)
+
+
+@pytest.mark.parametrize("answered", [True, False], ids=["refused", "unheard"])
+def test_the_files_of_an_upload_outlive_a_commit_whose_answer_is_lost(opened, monkeypatch, answered):
+    service = opened()
+
+    def fails(session):
+        raise AWAY
+
+    listened = "before_flush" if answered else "after_commit"
+    event.listen(Session, listened, hear := lambda session, *given: fails(session))
+    try:
+        with pytest.raises(OperationalError):
+            store_mechanism_document(service, LOCAL, FOURBAR.read_bytes())
+    finally:
+        event.remove(Session, listened, hear)
+    listed = list_things(service, LOCAL, "mechanism").rows
+    assert len(listed) == (0 if answered else 1)
+    assert len(list(service.storage.written())) == len(listed)
 
 
 def test_a_job_for_a_thing_of_the_wrong_kind_is_refused(opened):

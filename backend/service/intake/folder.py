@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import posixpath
 import stat
 import zipfile
@@ -10,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from backend.service.intake.content import refuse_false_content
-from backend.service.problems import Problem
+from backend.service.problems import Problem, disk_full
 from backend.service.settings import Settings
 
 SUFFIXES = (
@@ -20,6 +21,8 @@ SUFFIXES = (
 IGNORED = ("__MACOSX/", ".DS_Store", "Thumbs.db")
 SWELL = 200  # unpacked over packed size beyond which an entry is a bomb; tables of zeros reach 100
 CHUNK = 2**18
+DIRECTORY_BYTES = 1024  # of an archive's directory for each file that a folder may hold
+MOST_READ = 2**20  # that is asked for at once of anything but the directory
 
 
 def safe_path(path: str) -> str:
@@ -64,7 +67,10 @@ def unpack(archive: Path, into: Path, settings: Settings) -> dict[str, Path]:
     """The files of a zip archive, written under names of our own; Problem on bombs and tricks."""
     into.mkdir(parents=True, exist_ok=True)
     try:
-        with zipfile.ZipFile(archive) as packed:
+        with (
+            _Archive(archive, settings.most_files * DIRECTORY_BYTES) as opened,
+            zipfile.ZipFile(opened) as packed,  # pyright: ignore[reportArgumentType]
+        ):
             entries = [entry for entry in packed.infolist() if not entry.is_dir()]
             _refuse_beyond(len(entries), settings.most_files, "files in the archive", settings)
             declared = sum(entry.file_size for entry in entries)
@@ -79,8 +85,36 @@ def unpack(archive: Path, into: Path, settings: Settings) -> dict[str, Path]:
                     raise Problem("invalid", f"{entry.filename[:100]!r} stands twice in the archive; keep one.")
                 files[entry.filename] = path
             return files
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
-        raise Problem("invalid", f"The archive cannot be unpacked ({error}); pack the folder again as zip.") from None
+    except OSError as error:
+        if (full := disk_full(error)) is not None:
+            raise full from None
+        raise _damaged(error) from None
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
+        raise _damaged(error) from None
+
+
+def _damaged(error: Exception) -> Problem:
+    return Problem("invalid", f"The archive cannot be unpacked ({error}); pack the folder again as zip.")
+
+
+class _Archive(io.FileIO):
+    """An archive whose directory is read into memory, at once, only where it is no larger than so many bytes.
+
+    Whatever the record at its end claims, a reader of archives asks for that much here.
+    """
+
+    def __init__(self, path: Path, largest_directory: int):
+        super().__init__(path)
+        self._most = max(largest_directory, MOST_READ)
+
+    def read(self, size: int | None = -1) -> bytes:
+        """The next bytes; Problem `too-large` where more are asked for than a directory may have."""
+        if size is not None and size > self._most:
+            raise Problem(
+                "too-large",
+                f"The archive's directory has {size} bytes, above the limit of {self._most}; send fewer files.",
+            )
+        return super().read(-1 if size is None else size)
 
 
 def _refuse_tricks(entry: zipfile.ZipInfo) -> None:

@@ -49,8 +49,9 @@ class Checkpoints:
             except FileNotFoundError:
                 continue
             if self._copied.get(name) != written:
+                self._last[name] = now  # also where the storage is away: it is not asked more often for that
                 self._keep(path)
-                self._copied[name], self._last[name] = written, now
+                self._copied[name] = written
 
     def drop(self) -> None:
         """Forget them: the job has ended."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ from backend.service.things import Page, drop_files, file_of, files_of, locked_a
 
 AnyRequest = SimulateRequest | JamRequest | FitRequest | DiagnoseRequest | TrackRequest
 REPORT = "report.json"
+MAY_EVERY_S = 3.0  # a key that was revoked meanwhile ends a watching
 INPUTS: dict[str, Kind] = {"mechanism": "mechanism", "study": "study", "video": "video"}
 
 
@@ -102,11 +103,13 @@ def delete_job(service: Service, owner: str, id: str) -> None:
 def forget_job(service: Service, job: Job) -> None:
     """Drop a finished job's record, files and Idempotency-Key."""
     with service.database.writing() as session:
+        locked_account(session, job.owner)  # whoever forgets it too finds it gone
+        if (there := session.get(Job, job.id)) is None:
+            return
         keys = drop_files(session, job.id)
         forget(session, job.id)
-        if (there := session.get(Job, job.id)) is not None:
-            session.delete(there)
-            refund(session, job.owner, there.bytes)
+        session.delete(there)
+        refund(session, job.owner, there.bytes)
     for key in keys:
         service.storage.drop(key)
 
@@ -120,10 +123,19 @@ def progress_of(job: Job) -> Progress:
     return Progress(job.state, job.part, job.words, elapsed_s, 0.0 if job.state in FINISHED else remaining_s)
 
 
-async def watch_job(service: Service, owner: str, id: str, every_s: float = 0.3) -> AsyncIterator[Progress]:
-    """Its progress now and at every change, until it has finished.  Raises Problem `not-found`."""
+async def watch_job(
+    service: Service, owner: str, id: str, every_s: float = 0.3, may: Callable[[], object] = lambda: None
+) -> AsyncIterator[Progress]:
+    """Its progress now and at every change, until it has finished.  Raises Problem `not-found`.
+
+    may: asked every few seconds; the Problem that it raises ends the watching.
+    """
     last: tuple[Any, ...] | None = None
+    asked = time.monotonic()
     while True:
+        if time.monotonic() - asked > MAY_EVERY_S:
+            await asyncio.to_thread(may)
+            asked = time.monotonic()
         job = await asyncio.to_thread(find_job, service, owner, id)
         if (seen := (job.state, round(job.part, 3), job.words)) != last:
             last = seen

@@ -8,16 +8,18 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from dbos import DBOS, SetWorkflowID
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import defer
 from sqlmodel import col, func, select, update
 
 from backend.service.jobs.child import tie_to
 from backend.service.jobs.holding import alive
-from backend.service.jobs.work import carry_out
+from backend.service.jobs.work import carry_out, pause_s
 from backend.service.logs import logger, write_logs
 from backend.service.pulse import beat
 from backend.service.records import Job, Worker
@@ -54,14 +56,14 @@ class WorkerProcess:
         self.log = logger().bind(worker=self.id)
 
     def carry(self, id: str) -> None:
-        """Do one job; after an error of ours, attempts go on until they are too many."""
-        while True:
+        """Do one job; where it cannot even be claimed, for want of the database, it is asked for again."""
+        for failures in count():
             try:
                 carry_out(self.service, id, self.id, self.is_fit)
                 return
-            except Exception:  # the database or the storage is away: the job must not end as if it were done
-                self.log.exception("an attempt failed here, and is made again", job=id)
-                time.sleep(self.service.settings.heartbeat_s)
+            except Exception:  # the job must not end as if it were done
+                self.log.exception("a job could not be claimed or ended here, and is asked for again", job=id)
+                time.sleep(pause_s(self.service.settings, failures))
 
     def is_fit(self) -> bool:
         """True while nobody can have taken this worker for dead; after that the process ends here.
@@ -144,7 +146,10 @@ class WorkerProcess:
             )
             room = 2 * len(alive(self.service, session)) - sum(busy.values())
             where = (Job.state == "queued", col(Job.handed_over).is_(None))
-            waiting = list(session.exec(select(Job).where(*where).order_by(col(Job.created)).limit(500)))
+            but_its_request = defer(Job.request)  # pyright: ignore[reportArgumentType]  # it may be a megabyte long
+            waiting = list(
+                session.exec(select(Job).options(but_its_request).where(*where).order_by(col(Job.created)).limit(500))
+            )
         for _ in range(min(room, len(waiting))):
             chosen = min(waiting, key=lambda job: (busy.get(job.owner, 0), job.created))
             waiting.remove(chosen)

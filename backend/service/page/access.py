@@ -6,6 +6,8 @@ import hashlib
 import hmac
 import os
 import secrets
+import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from fastapi import Request
@@ -17,6 +19,7 @@ from backend.service.service import LOCAL, Service
 
 COOKIE = "linktwin_key"
 REFUSED = "refused"  # in the address of the view that asks again for a key
+KEY_BYTES = 32
 SIGNED = 32  # characters of a link's signature: 128 bits
 
 
@@ -51,10 +54,16 @@ def shared_job(service: Service, job: str, token: str) -> Job:
 def _secret(service: Service) -> bytes:
     """Made once, kept beside the records, read by nobody else."""
     path = Path(service.settings.data_folder).resolve() / "share.key"
-    try:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except FileExistsError:
-        return path.read_bytes()
-    with os.fdopen(handle, "wb") as file:
-        file.write(made := secrets.token_bytes(32))
-    return made
+    if not path.exists():
+        with tempfile.NamedTemporaryFile(dir=path.parent) as made:  # whole under its name, or not there at all
+            made.write(secrets.token_bytes(KEY_BYTES))
+            made.flush()
+            os.fsync(made.fileno())
+            with suppress(FileExistsError):  # another process was first
+                os.link(made.name, path)
+    if len(secret := path.read_bytes()) < KEY_BYTES:
+        raise Problem(
+            "internal",
+            f"{path.name} in the data folder holds {len(secret)} of {KEY_BYTES} bytes; remove it, and share anew.",
+        )
+    return secret

@@ -16,6 +16,7 @@ from backend.service.jobs.command import WATCHED
 from backend.service.jobs.desk import find_job
 from backend.service.page.access import owner_from, shared_job
 from backend.service.page.running import brought, first_frame
+from backend.service.page.subject import subject_of
 from backend.service.problems import Problem
 from backend.service.service import Service
 from backend.service.states import Kind
@@ -48,8 +49,10 @@ def add_files(app, service_of) -> None:
         service = service_of()
 
         def allowed() -> str:
-            request = shared_job(service, id, token).request
-            return request.get("study") or request.get("mechanism") or ""
+            about = subject_of(service, shared_job(service, id, token))
+            if path not in about.meshes():
+                raise Problem("not-found", f"The link shows the drawing's meshes; {path[:200]!r} is none of them.")
+            return about.id
 
         return await _answered(allowed, service, "", path)
 

@@ -10,17 +10,15 @@ from typing import Any
 from nicegui import ui
 
 from backend.mechanism.jam_report import run_folder
-from backend.mechanism.mechanism import Mechanism
 from backend.service.jobs.command import WATCHED
 from backend.service.jobs.desk import cancel_job, delete_job, find_job, progress_of
-from backend.service.mechanisms import parse_drawing
 from backend.service.page import results
 from backend.service.page.access import share_token, shared_job
 from backend.service.page.drawing_view import staged
 from backend.service.page.late import ROOT
 from backend.service.page.markup import button, empty, link, notice, tag
 from backend.service.page.shell import page, tell, view
-from backend.service.page.study_view import read_stored_study
+from backend.service.page.subject import subject_of
 from backend.service.page.timeline import Timeline
 from backend.service.page.work import ago, asked_of, lasted
 from backend.service.problems import Problem
@@ -223,12 +221,8 @@ def _run(name: str, jammed: bool, opened: bool, put: Callable[[], None]) -> None
 def _stage(service: Service, job: Job, shared: str) -> Any:
     """The drawing that the job was about; None where it was deleted since."""
     try:
-        if id := job.request.get("study"):
-            file, mechanism = read_stored_study(service, id)
-            return staged(service, mechanism, "studies", id, file.mechanism.rpartition("/")[0], shared)
-        id = job.request["mechanism"]
-        mechanism: Mechanism = parse_drawing(service, service.storage.read(file_of(service, id, "mechanism.json").key))
-        return staged(service, mechanism, "mechanisms", id, shared=shared)
+        about = subject_of(service, job)
+        return staged(service, about.mechanism, about.room, about.id, about.folder, shared)
     except Problem:
         return None
 

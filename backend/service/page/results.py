@@ -141,9 +141,8 @@ def tracking(service: Service, job: Job, base: str, film: str | None) -> None:
     told = json.loads(service.storage.read(file_of(service, job.id, "report.json").key))
     path = brought(service, job.id, "tracks.csv")
     preview = base + "preview.mp4"
-    clip = preview
-    if film is not None:
-        clip = film + files_of(service, job.request["video"])[0].path
+    filmed = files_of(service, job.request["video"]) if film is not None else []
+    clip = f"{film}{filmed[0].path}" if filmed else preview  # the clip may have been deleted since
     notice(told.get("warnings", []), "warn")
     with tag("div", look="split"):
         Film(clip, preview, film_tracks(path), told.get("begins_s", 0.0), told.get("slower", 1.0))

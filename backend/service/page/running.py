@@ -9,6 +9,7 @@ from typing import Any
 
 from backend.service.problems import Problem
 from backend.service.service import Service
+from backend.service.storage import whole
 from backend.service.things import file_of, files_of
 
 LONGEST_S = 120.0
@@ -41,7 +42,9 @@ async def checked(service: Service, thing: str, drawing: str) -> dict[str, Any]:
     kept = place(service, f"check-{thing}.json")
     if not kept.exists():
         path = await asyncio.to_thread(brought, service, thing, drawing)
-        kept.write_text(await linktwin(service, "check", str(path), "--json"), encoding="utf-8")
+        told = await linktwin(service, "check", str(path), "--json")
+        with whole(kept) as part:
+            part.write_text(told, encoding="utf-8")
     return json.loads(kept.read_text(encoding="utf-8"))
 
 
@@ -54,7 +57,8 @@ async def first_frame(service: Service, video: str, from_s: float = 0.0) -> Path
     if not kept.exists():
         (film,) = files_of(service, video)
         path = await asyncio.to_thread(brought, service, video, film.path)
-        await linktwin(service, "still", str(path), f"--from={from_s}", f"--out={kept}")
+        with whole(kept) as part:
+            await linktwin(service, "still", str(path), f"--from={from_s}", f"--out={part}")
         made = sorted(kept.parent.glob(f"frame-{video}-*.png"), key=lambda png: png.stat().st_mtime)
         for old in made[:-MOST_FRAMES]:
             old.unlink(missing_ok=True)
@@ -66,7 +70,6 @@ def brought(service: Service, of: str, path: str) -> Path:
     file = file_of(service, of, path)
     there = place(service, f"{file.key}{Path(path).suffix.lower()}")
     if not there.exists():
-        there.unlink(missing_ok=True)  # a link to what is gone
         service.storage.bring(file.key, there)
     return there
 

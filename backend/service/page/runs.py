@@ -32,7 +32,10 @@ class Run:
 def kind_of(path: Path, name: str) -> Table:
     """What a table holds, by its header; Problem where it is none of those a study takes."""
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        head = {cell.strip() for cell in next(csv.reader(file), [])}
+        try:
+            head = {cell.strip() for cell in next(csv.reader(file), [])}
+        except csv.Error as error:
+            raise Problem("invalid", f"{name} is no table ({error}); save it as CSV, columns named first.") from None
     if {"time_s", "marker"} <= head:
         return "tracks"
     if {"time_s", "joint", "q"} <= head:
@@ -82,7 +85,7 @@ def _series(path: Path, table: Table) -> list[tuple[np.ndarray, np.ndarray]]:
                 values = [float(row[c]) if row.get(c) else 0.0 for c in columns]
                 if any(row.get(c) for c in columns):
                     rows.setdefault(row[key], []).append([float(row["time_s"]), *values])
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, csv.Error):
         return []  # reading the study will say what is wrong, and in which row
     made = []
     for table_rows in rows.values():

@@ -32,6 +32,7 @@ SCHEME = """<script>(() => {
   if (kept) document.addEventListener("DOMContentLoaded", apply);
 })();</script>"""
 SWITCH = "() => linktwinScheme(document.body.classList.contains('body--dark') ? 'light' : 'dark')"
+KEY_EVERY_S = 5.0
 FIGURES = Path(__file__).parents[2] / "report" / "templates" / "figures.css"
 STYLE = Path(__file__).parent / "style.css"
 
@@ -83,6 +84,8 @@ def page(path: str, open_to_all: bool = False) -> Callable[[Callable[..., Any]],
                 answer = show(service(), owner, **given)
                 if inspect.isawaitable(answer):
                     await answer
+                if owner and service().settings.keys_required:
+                    _end_with_its_key(request)
             except Problem as problem:
                 ui.context.client.content.clear()
                 with ui.context.client.content:
@@ -97,6 +100,20 @@ def page(path: str, open_to_all: bool = False) -> Callable[[Callable[..., Any]],
         return ui.page(path, response_timeout=30.0)(shown)
 
     return made
+
+
+def _end_with_its_key(request: Request) -> None:
+    """Ask every few seconds whether the key still opens something; once it does not, nothing here can be pressed."""
+    client = ui.context.client
+
+    async def look() -> None:
+        try:
+            await asyncio.to_thread(owner_from, service(), request)
+        except Problem:
+            client.run_javascript("location.reload()")  # which asks for a key
+            client.content.clear()
+
+    ui.timer(KEY_EVERY_S, look)
 
 
 def sorry(problem: Problem) -> None:

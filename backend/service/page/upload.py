@@ -8,12 +8,23 @@ from pathlib import Path
 
 from nicegui import events, ui
 
+from backend.service.logs import logger
 from backend.service.page.markup import notice, tag
 from backend.service.page.shell import tell
-from backend.service.problems import Problem
+from backend.service.problems import Problem, disk_full
 from backend.service.service import Service
 
 Taken = Callable[[Mapping[str, Path]], Awaitable[None]]
+
+
+def told(error: Exception) -> Problem:
+    """An error on the way of an upload as a problem; one of the service's own is logged."""
+    if isinstance(error, Problem):
+        return error
+    if isinstance(error, OSError) and (full := disk_full(error)) is not None:
+        return full
+    logger().error("an upload failed", exc_info=error)
+    return Problem("internal", "The service failed at this; its log says where. Try again, or tell us.")
 
 
 def drop_zone(
@@ -27,16 +38,16 @@ def drop_zone(
         with said:
             tag("p", "Checking what arrived …", "note")
         with tempfile.TemporaryDirectory(dir=service.settings.scratch) as scratch:
-            files: dict[str, Path] = {}
-            for number, file in enumerate(event.files):
-                place = Path(scratch) / str(number)
-                await file.save(place)
-                files[file.name] = place
             try:
+                files: dict[str, Path] = {}
+                for number, file in enumerate(event.files):
+                    place = Path(scratch) / str(number)
+                    await file.save(place)
+                    files[file.name] = place
                 await taken(files)
                 said.clear()
-            except Problem as problem:
-                tell(problem, said)
+            except Exception as error:  # whatever it is, the view must not wait for ever
+                tell(told(error), said)
             finally:
                 upload.reset()
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import asdict
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Body, Depends, Query, Response
+from fastapi import APIRouter, Body, Depends, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from sse_starlette import EventSourceResponse, ServerSentEvent
 
@@ -22,7 +22,7 @@ from backend.service.answers import (
     ProgressAnswer,
     ResultAnswer,
 )  # fmt: skip
-from backend.service.asking import RepeatKey, TheOwner, TheService, TheSlice, may_fail
+from backend.service.asking import RepeatKey, TheKey, TheOwner, TheService, TheSlice, may_fail, the_owner
 from backend.service.jobs.desk import (
     cancel_job,
     delete_job,
@@ -136,14 +136,17 @@ def delete(
         },
     },
 )
-async def get_events(id: UUID, service: TheService, owner: TheOwner) -> EventSourceResponse:
+async def get_events(
+    request: Request, shown: TheKey, id: UUID, service: TheService, owner: TheOwner
+) -> EventSourceResponse:
     """The job's progress as server-sent events, until it has finished."""
     job = await run_in_threadpool(find_job, service, owner, str(id))
     if _streams[owner] >= service.settings.event_streams_per_owner:
         raise Problem(
             "too-many-jobs", f"{_streams[owner]} event streams are open; close one.", headers={"Retry-After": "5"}
         )
-    return EventSourceResponse(_events(service, owner, job.id), ping=15, headers={"X-Accel-Buffering": "no"})
+    events = _events(service, owner, job.id, lambda: the_owner(request, shown))
+    return EventSourceResponse(events, ping=15, headers={"X-Accel-Buffering": "no"})
 
 
 @router.get("/{id}/result", responses=may_fail("not-found", "not-finished", "no-result"))
@@ -166,16 +169,16 @@ def get_file(id: UUID, path: FilePath, service: TheService, owner: TheOwner) -> 
     return send_file(service, job_file(service, owner, str(id), path))
 
 
-async def _events(service: Service, owner: str, id: str) -> AsyncIterator[ServerSentEvent]:
+async def _events(service: Service, owner: str, id: str, may: Callable[[], object]) -> AsyncIterator[ServerSentEvent]:
     _streams[owner] += 1
     try:
         number = 0
-        async for progress in watch_job(service, owner, id):
+        async for progress in watch_job(service, owner, id, may=may):
             number += 1
             told = ProgressAnswer(**asdict(progress))  # pyright: ignore[reportArgumentType]
             event = "end" if progress.state in FINISHED else "progress"
             yield ServerSentEvent(data=json.dumps(told.model_dump()), event=event, id=str(number))
     except Problem:
-        return  # deleted while it was watched
+        return  # deleted, or the key revoked, while it was watched
     finally:
         _streams[owner] -= 1
