@@ -63,7 +63,6 @@ def _law_evidence(bare: Fitted, L: Float[np.ndarray, "n terms"], few: bool) -> f
 def without_causes(fitted: Fitted) -> Fitted:
     """The same motion and slopes, with what the causes do left unexplained: of no size, they have no shape either."""
     own, choice = fitted.choice.own, fitted.subject.choose()
-    known = fitted.subject.library.parameters
     kept = [p.name for p in choice.parameters]
     names = [p.name for p in fitted.choice.parameters]
     shift = np.where(fitted.choice.sizes, fitted.values[:own] - fitted.choice.start[:own], 0.0)
@@ -73,7 +72,7 @@ def without_causes(fitted: Fitted) -> Fitted:
         slopes = library_slopes(fitted, SAME, fitted.choice.candidates)
         takes = [take for c in fitted.choice.candidates for take in c.takes]
         for i in missing:
-            own_index = next(k for k, p in enumerate(known) if p.name == kept[i])
+            own_index = next(k for k, p in enumerate(fitted.subject.library.parameters) if p.name == kept[i])
             j = next(number for number, take in enumerate(takes) if own_index in take)
             column = slopes[:, own_index]
             r = r - column * shift[j]
