@@ -10,8 +10,8 @@ from backend.commands.terminal import AsJson, Failed, Out, answering, folder_for
 
 
 def blind(
-    cases: Annotated[int, typer.Option("--n", metavar="N", min=1, help="How many studies.")] = 40,
-    seed: Annotated[int, typer.Option(min=0, help="0 to 9999; with --test 1000000 to 1999999.")] = 0,
+    cases: Annotated[int, typer.Option("--n", metavar="N", min=1, help="How many studies.")],
+    seed: Annotated[int, typer.Option(min=0, help="0 to 9999; with --test 1000000 to 1999999.")],
     test: Annotated[bool, typer.Option("--test", help="Mechanisms that development never sees.")] = False,
     mechanism: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Draw this mechanism alone; may be repeated.")
