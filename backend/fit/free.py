@@ -307,7 +307,17 @@ class _Reader:
         start = float(np.mean(np.asarray(values, float)))
         lower = -np.inf if spec.lower is None else spec.lower
         upper = np.inf if spec.upper is None else spec.upper
-        return FreeParameter(kind.name, tuple(places), label, number, spec.unit, lower, upper, start, tuple(addresses))
+        unit = self._unit(spec, [drawn[effect_id] for effect_id, _ in addresses])
+        return FreeParameter(kind.name, tuple(places), label, number, unit, lower, upper, start, tuple(addresses))
+
+    def _unit(self, spec: ParameterSpec, effects: Sequence[Effect]) -> str:
+        """Of a joint's coordinate rad where all of them turn, m where all slide."""
+        turning, _, sliding = spec.unit.partition(" or ")
+        types = {joint.type for joint in self.mechanism.joints for e in effects if e.on != "all" and joint.id in e.on}
+        slides = {type == "prismatic" for type in types}
+        if not sliding or len(slides) != 1:
+            return spec.unit
+        return sliding if slides.pop() else turning
 
 
 def _from_fits(kind: EffectKind, effect: Effect) -> bool:

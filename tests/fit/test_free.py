@@ -69,6 +69,11 @@ def test_an_effect_drawn_on_several_joints_is_free_as_one_or_at_each(mechanism):
     assert [p.start for p in free_parameters(drawn, ["coulomb_friction:*"]).parameters] == [0.2, 0.2, 0.0]
 
 
+def test_an_end_of_travel_is_told_in_the_unit_of_its_joint(mechanism):
+    ends = free_parameters(mechanism, ["joint_stop:j1.lower", "joint_stop:slide.upper"]).parameters
+    assert [end.unit for end in ends] == ["rad", "m"]
+
+
 def test_what_stands_still_and_one_marker_of_a_picture_are_free_by_name_only(mechanism):
     seen = mechanism.model_copy(update={"markers": (Marker(id="m", body="link1", position_m=(0, 0, 0)),)})
     assert names(seen, "length_error:*") == [f"length_error:{b}.relative" for b in ("link1", "link2", "block")]
