@@ -233,10 +233,6 @@ def _push(twin: Twin, push: Push, made: dict[str, Element], actuator: Element) -
         _drive(actuator, push.id + suffix, push.size, site=site, refsite=WORLD, gear=numbers(sign * gear))
 
 
-def _grounded(twin: Twin, joint: TwinJoint) -> bool:
-    return twin.body(joint.a).fixed and twin.body(joint.b).fixed
-
-
 def _sentences(twin: Twin) -> list[str]:
     """What MJCF alone does not hold, or holds otherwise."""
     said = [

@@ -115,7 +115,8 @@ def _all_noisy(experiment: str, channels: list[Channel], parts: list[Part]) -> t
                 continue
             alike = [p[2].max() for c, p, t in zip(channels, parts, told, strict=True) if t and c.unit == channel.unit]
             if not alike:
-                what = "does not vary at all" if np.ptp(part[1]) == 0.0 else f"has {part[1].size} samples that vary"
+                count = part[1].size
+                what = "does not vary at all" if np.ptp(part[1]) == 0.0 else f"varies in too few of its {count} samples"
                 raise ValueError(
                     f"experiment '{experiment}', {channel.at} {channel.coordinate} {what}, so its noise cannot be "
                     f"estimated, nor can that of any other channel in {channel.unit}. Give sigma in the data."

@@ -106,13 +106,19 @@ class Model(eqx.Module):
 
     def overridden(self, overrides: Mapping[str, Mapping[str, ParameterValue]]) -> dict[Address, Any]:
         """Values that an experiment sets otherwise than drawn, by address: of an effect that the model holds once a
-        place (`id@place`), because its places differ, at each.
+        place (`id@place`), because its places differ, at each where the parameter means something.
         """
         ids = [id for placed in self.effects for id in placed.ids]
+        types = dict(zip(self.topology.joint_ids, self.topology.joint_types, strict=True))
+        rows = self.parameters if overrides else {}
         found = {}
         for effect_id, given in overrides.items():
-            rows = [effect_id] if effect_id in ids else [id for id in ids if id.startswith(f"{effect_id}@")]
-            found |= {(id, name): value for id in rows for name, value in given.items()}
+            apart = [] if effect_id in ids else [id for id in ids if id.startswith(f"{effect_id}@")]
+            for name, value in given.items():
+                for id in apart or [effect_id]:
+                    able = rows[id, name].declaration.joint_types if apart else None
+                    if able is None or types[rows[id, name].on[0]] in able:
+                        found[id, name] = value
         return found
 
     def _find(self, effect_id: str, name: str) -> tuple[int, int]:

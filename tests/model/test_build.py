@@ -88,6 +88,14 @@ def test_torques_turn_and_forces_slide_whatever_stands_on_all():
     np.testing.assert_allclose(system(build(bead_on_bar([torque]))).dry_limit, [0.01, 0.0])
 
 
+def test_an_override_of_a_torque_leaves_what_slides_alone():
+    both = effect("rub", "coulomb_friction", "all", friction_torque_n_m=0.01, friction_force_n=2.0)
+    model = build(bead_on_bar([both]))
+    values = model.overridden({"rub": {"friction_torque_n_m": 0.03}})
+    assert values == {("rub@pin", "friction_torque_n_m"): 0.03}
+    np.testing.assert_allclose(system(model.with_parameters(values)).dry_limit, [0.03, 2.0])
+
+
 def test_two_effects_of_one_id_are_refused():
     again = effect("f", "viscous_friction", ["pin"])
     with pytest.raises(ValueError, match="'f' is used twice"):
