@@ -49,9 +49,9 @@ class Walls:
         """Damping over critical that takes a blow's energy."""
         return self.soft_damping_ratio if np.isfinite(drawn) else self.damping_ratio
 
-    def damping(self, drawn: float, mass: float) -> float:
-        """Linear damper of that ratio [N s/m]."""
-        return 2.0 * self.ratio(drawn) * float(np.sqrt(self.stiffness(drawn) * mass))
+    def damping(self, drawn: float, stiffness: float, mass: float) -> float:
+        """Linear damper of that ratio [N s/m] on a wall of a stiffness, drawn or standing for a rigid one."""
+        return 2.0 * self.ratio(drawn) * float(np.sqrt(stiffness * mass))
 
 
 def add_play(model: ExudynModel, joint: DrawnJoint, markers: list[Any]) -> None:
@@ -59,11 +59,11 @@ def add_play(model: ExudynModel, joint: DrawnJoint, markers: list[Any]) -> None:
     play, walls = joint.play, model.walls
     if play is None:
         return
-    stiffness = walls.stiffness(play.stiffness)
     bodies = model.drawing.bodies
     ends = ((joint.a, joint.p_AF, joint.R_AF), (joint.b, joint.p_BF, joint.R_BF))
     mass = pair_mass([(bodies[i], p, R[:, 2]) for i, p, R in ends])
     dead, pin = play.restitution < DEAD, max(joint.pin_radius, POINT)
+    stiffness, damping = model.wall(f'joint "{joint.id}"', play.stiffness, mass)
     state = model.items.NodeGenericData(initialCoordinates=[play.radial, 0, 0, 0], numberOfDataCoordinates=4)
     model.mbs.AddObject(
         model.items.ObjectContactSphereSphere(
@@ -74,7 +74,7 @@ def add_play(model: ExudynModel, joint: DrawnJoint, markers: list[Any]) -> None:
             dynamicFriction=play.friction,
             frictionProportionalZone=walls.creep,
             contactStiffness=stiffness,
-            contactDamping=walls.damping(play.stiffness, mass) if dead else 0.0,
+            contactDamping=damping if dead else 0.0,
             contactStiffnessExponent=1.0,
             impactModel=0 if dead else 2,
             restitutionCoefficient=1.0 if dead else exudyn_restitution(play.restitution),

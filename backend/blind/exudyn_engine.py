@@ -15,15 +15,18 @@ from typing import Any
 import numpy as np
 
 from backend.blind.closure import assemble, independent_rows, row_margin, set_in_motion
+from backend.blind.contacts import DEAD_BLOW
 from backend.blind.drawing import Drawing
 from backend.blind.drawn import BODY_KINDS, JOINT_KINDS, read_drawing
 from backend.blind.exudyn_contact import Walls
 from backend.blind.exudyn_model import ExudynModel
+from backend.blind.exudyn_planar import PlanarModel
 from backend.blind.peer import peer
 from backend.blind.poses import COORDINATE, PeerMotion, Poses, joint_rates, peer_motion, size_m
 
 KINDS = frozenset((*JOINT_KINDS, *BODY_KINDS))
 CREEP = 1e-5  # rad/s or m/s: friction's sign(v) is v / sqrt(v² + CREEP²)
+EXPLICIT_WALLS = Walls(damping_ratio=DEAD_BLOW)  # a stronger damper wants a softer wall at the same step
 UNMET = 1e-6  # of the mechanism's size; runs that are well end below 1e-10
 SAFE = 0.99
 
@@ -42,6 +45,7 @@ def simulate_exudyn(
     spectral_radius: float = 0.9,
     friction_creep: float = CREEP,
     walls: Walls | None = None,
+    explicit: bool = False,
 ) -> PeerMotion:
     """The mechanism's motion for `duration_s` from its drawn pose, at rest unless rates are given.
 
@@ -53,13 +57,15 @@ def simulate_exudyn(
     friction_creep: rate at which Coulomb friction is 71% mobilised [rad/s or m/s].
     walls: what stands for rigid and inelastic where things touch; contact wants steps of 0.02 to 0.1 ms, and below
     that Newton may stall where many pins are loose.
+    explicit: velocity Verlet without Newton's method, for planar drawings whose every pin is loose (exudyn_planar.py);
+    walls want steps of 2 to 5 µs, pads of `surface_friction` a friction_creep above coefficient x g x step.
     Raises ValueError for an effect or joint it cannot imitate, RuntimeError when the integrator gives up.
     """
     exudyn = peer("exudyn")
     drawing = read_drawing(mechanism, inputs, engine="Exudyn", kinds=KINDS)
     start = assemble(drawing, initial_joint_positions)
     set_in_motion(drawing, start, initial_joint_velocities)
-    keep = _kept_rows(drawing, start, redundant_rows)
+    keep = [] if explicit else _kept_rows(drawing, start, redundant_rows)
     every = output_step_s or step_s
     rubs = any(joint.friction or joint.rub_radius for joint in drawing.joints)
     touches = bool(drawing.capsules or drawing.pads) or any(joint.play for joint in drawing.joints)
@@ -67,12 +73,14 @@ def simulate_exudyn(
     forces: dict[str, np.ndarray] = {}
 
     def solved(step: float, until_s: float = duration_s) -> tuple[np.ndarray, Poses]:
-        build = ExudynModel(exudyn.SystemContainer(), drawing, start, friction_creep, step, rates, walls or Walls())
-        build.everything(keep)
+        kind, stiff = (PlanarModel, EXPLICIT_WALLS) if explicit else (ExudynModel, Walls())
+        build = kind(exudyn.SystemContainer(), drawing, start, friction_creep, step, rates, walls or stiff)
+        build.everything(None if explicit else keep)
         settings = _settings(until_s, step, min(every, until_s), spectral_radius, keep is None, rubs, touches)
+        solver = exudyn.DynamicSolverType
         try:
             build.mbs.Assemble()
-            build.mbs.SolveDynamic(settings)
+            build.mbs.SolveDynamic(settings, solverType=solver.VelocityVerlet if explicit else solver.GeneralizedAlpha)
         except exudyn.ExudynError as error:
             raise RuntimeError(
                 f"Exudyn stopped before {duration_s} s at a step of {step} s; halve the step, "
@@ -82,7 +90,7 @@ def simulate_exudyn(
         forces.update(build.recorded_forces(poses))
         return time_s, poses
 
-    if rubs:
+    if rubs and not explicit:
         # At rest friction's sign is not known, and a wrong first acceleration costs first order all the way.
         rates = _rates_at_end(drawing, *solved(0.05 * step_s, 0.5 * step_s))
     time_s, poses = solved(step_s)

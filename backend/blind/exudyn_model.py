@@ -116,14 +116,23 @@ class ExudynModel:
         )
         mass = self.mbs.AddMarker(self.items.MarkerBodyMass(bodyNumber=number))
         self.mbs.AddLoad(self.items.LoadMassProportional(markerNumber=mass, loadVector=self.drawing.gravity))
-        out = self.output
+        self.sensors[i] = self._recording(number)
+        return number
+
+    def _recording(self, number: Any, at: np.ndarray | None = None) -> tuple[Any, ...]:
+        """Sensors of a body's pose and rates; at: where its origin is in Exudyn's body, if elsewhere."""
+        out, at = self.output, np.zeros(3) if at is None else at
         kinds = (out.Position, out.RotationMatrix, out.Velocity, out.AngularVelocityLocal)
-        stored = {"storeInternal": True, "writeToFile": False}
-        self.sensors[i] = tuple(
+        stored = {"storeInternal": True, "writeToFile": False, "localPosition": list(at)}
+        return tuple(
             self.mbs.AddSensor(self.items.SensorBody(bodyNumber=number, outputVariableType=kind, **stored))
             for kind in kinds
         )
-        return number
+
+    def wall(self, what: str, drawn: float, mass: float) -> tuple[float, float]:
+        """Stiffness [N/m] and inelastic damper [N s/m] of a wall, its own or what stands for a rigid one."""
+        stiffness = self.walls.stiffness(drawn)
+        return stiffness, self.walls.damping(drawn, stiffness, mass)
 
     def marker(self, i: int, p: np.ndarray, R: np.ndarray | None = None) -> Any:
         """A marker at a point (and frame) of a body; the assembled world pose where the body is fixed."""
