@@ -151,12 +151,13 @@ class Linktwin:
         noise: Literal["white", "ar1"] = "white",
         starts: int = 0,
         sparse: bool = False,
+        step_s: float | None = None,
         repeat_key: str | None = None,
     ) -> JobAnswer:
         """Fit what the drawing leaves open: `linktwin fit`."""
         return self.start(
             {"kind": "fit", "study": _id(study), "free": list(free), "optimiser": optimiser, "loss": loss,
-             "noise": noise, "starts": starts, "sparse": sparse}, repeat_key,
+             "noise": noise, "starts": starts, "sparse": sparse, "step_s": step_s}, repeat_key,
         )  # fmt: skip
 
     def diagnose(

@@ -28,6 +28,9 @@ def fit(
     starts: Annotated[
         int, typer.Option(metavar="N", min=0, help="Further searches from scattered values; the likeliest end wins.")
     ] = 0,
+    step_s: Annotated[
+        float | None, typer.Option("--step", metavar="S", help="Time step [s]; chosen if not given.")
+    ] = None,
     sparse: Annotated[
         bool, typer.Option("--sparse", help="One value for all of KIND:*, but for the places found to deviate.")
     ] = False,
@@ -51,7 +54,8 @@ def fit(
             done = done_there(
                 server, key, study, out,
                 lambda there, id: there.fit(
-                    id, free=specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, sparse=sparse
+                    id, free=specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, sparse=sparse,
+                    step_s=step_s,
                 ),
                 resume=resume,
             )  # fmt: skip
@@ -71,7 +75,7 @@ def fit(
 
             kept = folder / FILE
             result = fit_study(
-                loaded, specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, sparse=sparse,
+                loaded, specs, optimiser=optimiser, loss=loss, noise=noise, starts=starts, sparse=sparse, step_s=step_s,
                 checkpoint=kept, resume=resume, progress=advance, cancelled=stopped,
             )  # fmt: skip
         written = result.write(folder)

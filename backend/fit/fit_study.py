@@ -21,6 +21,7 @@ from backend.fit.filmed_run import run_of, seen_by
 from backend.fit.fitted_cameras import fitted_cameras
 from backend.fit.free import free_parameters
 from backend.fit.guess import guesses, told
+from backend.fit.half_step import HalfStep
 from backend.fit.identifiability import Profile, Uncertainty, assess, profile_interval
 from backend.fit.loss import LossName
 from backend.fit.pace import Pace, Progress
@@ -40,8 +41,10 @@ from backend.mechanism.study import Study, driven_effects
 from backend.model.build import build
 from backend.model.model import Model
 
+STRIKING_S = 5e-4  # as long as a step may be where parts strike: a blow falls somewhere inside one
 STEPS_PER_TIME = 50.0  # of sqrt(length / gravity): a pendulum's phase is then off by 2e-5 of what it turned
 START, PROFILE, OVERLAYS = 1.0, 12.0, 2.0  # what these usually cost, in iterations of the search
+MOST_STEPS = 1e6  # of one experiment: 8 MB for every number that a node holds
 POSE_MISS = 0.02  # rad, or mechanism lengths, beyond which no pose is said to explain the first samples
 
 
@@ -93,7 +96,7 @@ def fit_study(
         raise ValueError('No experiment may be fitted: give at least one of them "use": "fit".')
     model = build(study.mechanism, freedom.added)
     table, addresses = model.parameters, addresses_of(freedom.parameters)
-    step = step_s or default_step(study, model)
+    step = default_step(study, model) if step_s is None else step_s
     groups = alike(study.mechanism, freedom.parameters) if sparse else []
     if sparse and not groups:
         raise ValueError(
@@ -114,6 +117,12 @@ def fit_study(
     kept = Checkpoint.resume(checkpoint, made_of) if checkpoint and resume else Checkpoint(checkpoint, made_of)
     runs = [run_of(e, model, addresses, step) for e in study.fit]
     held_out = [run_of(e, model, addresses, step) for e in study.held_out]
+    for run in (*runs, *held_out):
+        if not (step > 0.0 and run.duration_s <= step * MOST_STEPS):
+            raise ValueError(
+                f"experiment '{run.experiment.id}': {run.duration_s:g} s from the release to the last sample, in steps "
+                f"of {step:g} s; choose one above 0 so that {MOST_STEPS:g} at most follow."
+            )
     scale = np.array([table[f.addresses[0]].natural for f in freedom.parameters])
     residuals = Residuals(freedom.parameters, scale, runs, way=derivatives, profiles=profiles)
     shared = Sparse(residuals, groups) if groups else None
@@ -147,7 +156,9 @@ def fit_study(
         pace.step("what nobody stated of the walls")
     held = unstated(study, model, freedom.parameters, freedom.added) if solution.converged else []
     guessed = guesses(study.mechanism, residuals.parameters, solution.x[:p])
-    allowed = Allowed(residuals, solution, uncertainty, held, guessed)
+    rough = residuals.strikes and solution.converged
+    finer = HalfStep.of(residuals, solution) if rough else HalfStep.none(residuals.names[:p])
+    allowed = Allowed(residuals, solution, uncertainty, held, guessed, finer)
     intervals: dict[str, Profile] = {}
     complete = solution.status != "cancelled"
     warnings = [
@@ -186,8 +197,12 @@ def fit_study(
 
 
 def default_step(study: Study, model: Model) -> float:
-    """The sampling interval, or a fiftieth of sqrt(length / gravity), whichever is shorter [s]."""
+    """The sampling interval, or a fiftieth of sqrt(length / gravity), whichever is shorter [s]; half a millisecond at
+    most where parts strike each other.
+    """
     gaps = [model.scale.time_s / STEPS_PER_TIME]
+    if model.of(AbstractJointClearance) or model.of(AbstractLinkContact):
+        gaps.append(STRIKING_S)
     for e in study.experiments:
         for table, key in ((e.joint_positions, "joint"), (e.tracks, "marker"), (e.joint_efforts, "joint")):
             if table is not None:

@@ -144,6 +144,10 @@ class Run:
         """The same experiment, and the same compiled program, for values of which some are shared."""
         return replace(self, ties=ties, _last=None, _seen=None)
 
+    def stepping(self, step_s: float) -> Run:
+        """The same experiment, simulated with another step."""
+        return replace(self, step_s=step_s, _last=None, _seen=None)
+
     def holding(self, addresses: Sequence[Address], value: float) -> Run:
         """The same experiment, and the same compiled program, with parameters of the model at another value."""
         given = dict.fromkeys(addresses, jnp.asarray(value))

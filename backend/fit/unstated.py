@@ -15,6 +15,7 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from backend.fit.free import FreeParameter
+from backend.fit.half_step import HalfStep
 from backend.fit.identifiability import Z95, Uncertainty
 from backend.fit.nuisance import allowing, secants
 from backend.fit.residual import Residuals
@@ -75,7 +76,10 @@ def unstated(study: Study, model: Model, free: Sequence[FreeParameter], added: S
 
 
 class Allowed:
-    """What intervals allow for; nothing where all was stated. guessed: sd of each value for what it rests on."""
+    """What intervals allow for; nothing where all was stated and the step is fine enough.
+
+    guessed: sd of each value for what it rests on. half_step: what a finer step would do to the values.
+    """
 
     def __init__(
         self,
@@ -84,9 +88,10 @@ class Allowed:
         u: Uncertainty,
         held: Sequence[Unstated],
         guessed: Float[np.ndarray, " p"],
+        half_step: HalfStep,
     ):
         p = len(residuals.parameters)
-        self.names, self.sd, self.guessed = residuals.names[:p], u.sd[:p], guessed
+        self.names, self.sd, self.guessed, self.half_step = residuals.names[:p], u.sd[:p], guessed, half_step
         noise = u.noise_sd[:p]
         self.bounded = np.isfinite(self.sd) & (noise > 0)
         doubt = float(np.max(self.sd[self.bounded] / noise[self.bounded], initial=1.0))
@@ -104,8 +109,9 @@ class Allowed:
         own = Z95 * self.sd
         low = np.min([-own, *(view.ends[:, 0] for view in self.views)], axis=0)
         high = np.max([own, *(view.ends[:, 1] for view in self.views)], axis=0)
-        more = Z95 * self.guessed
-        return np.stack([-np.hypot(low, more), np.hypot(high, more)], 1)
+        more, of_step = Z95 * self.guessed, self.half_step.ends
+        low, high = np.hypot(np.hypot(low, more), of_step[:, 0]), np.hypot(np.hypot(high, more), of_step[:, 1])
+        return np.stack([-low, high], 1)
 
     def rows(self) -> tuple[fit_report.Unstated, ...]:
         """As fit.json lists them."""
@@ -119,7 +125,8 @@ class Allowed:
         )  # fmt: skip
 
     def sentences(self) -> Iterator[str]:
-        """What was not stated, what that does to the intervals, and what to do about it."""
+        """What was not stated or is too coarse, what that does to the intervals, and what to do about it."""
+        yield from self.half_step.sentences(self.sd)
         for each in self.lost:
             yield f"{each.name} was not stated, and intervals do not allow for it: no motion was found."
         if not self.views:

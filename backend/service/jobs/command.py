@@ -44,7 +44,7 @@ def _jam(service: Service, request: dict[str, Any], inputs: Path, resume: bool) 
 
 def _fit(service: Service, request: dict[str, Any], inputs: Path, resume: bool) -> list[str]:
     study = _bring(service, request["study"], inputs / "study") / STUDY
-    options = _options(request, optimiser="optimiser", loss="loss", noise="noise", starts="starts")
+    options = _options(request, optimiser="optimiser", loss="loss", noise="noise", starts="starts", step_s="step")
     options += [f"--free={spec}" for spec in request["free"]]
     return ["fit", str(study), *options, *_flags(sparse=request["sparse"], resume=resume)]
 

@@ -117,6 +117,7 @@ class FitRequest(Request):
     noise: Literal["white", "ar1"] = "white"
     starts: Annotated[int, Field(ge=0, le=1000)] = 0
     sparse: bool = False
+    step_s: Step | None = None
 
 
 class DiagnoseRequest(Request):
