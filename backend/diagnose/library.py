@@ -184,13 +184,12 @@ def library(
     """
     kinds = families()
     wanted = kinds[SMOOTH] if family == SMOOTH else (*kinds[SMOOTH], *kinds[family])
-    loose = free_parameters(mechanism, (), tolerances)
-    bare = mechanism.model_copy(update={"effects": tuple(e for e in mechanism.effects if e.id not in driven)})
+    loose = free_parameters(mechanism, (), tolerances, recorded=driven)
     found: list[FreeParameter] = []
     added: dict[str, Effect] = {e.id: e for e in loose.added}
     # The family's own kinds first: others that cannot stand beside them, or beside a tolerance, are left out.
     for kind in reversed(wanted):
-        for freedom in _places_of(mechanism, bare, kind, added if family != SMOOTH else {}):
+        for freedom in _places_of(mechanism, driven, kind, added if family != SMOOTH else {}):
             found += [p for p in freedom.parameters if all(p.name != f.name for f in found)]
             added |= {e.id: e for e in freedom.added}
     found += [p for p in loose.parameters if all(p.name != f.name for f in found)]
@@ -280,14 +279,11 @@ def _out_of_reach(p: FreeParameter, sd: float | None) -> bool:
     return sd is not None and abs(p.start) > 100.0 * sd
 
 
-def _places_of(mechanism: Mechanism, bare: Mechanism, kind: str, beside: Mapping[str, Effect]) -> list[Freedom]:
-    """The kind everywhere; place by place where it cannot act at all of them, with these effects beside it.
-
-    bare: the drawing without effects that a candidate must not take over.
-    """
+def _places_of(mechanism: Mechanism, driven: frozenset[str], kind: str, beside: Mapping[str, Effect]) -> list[Freedom]:
+    """The kind everywhere; place by place where it cannot act at all of them, with these effects beside it."""
     everywhere = [j.id for j in mechanism.joints]
     try:
-        freedom = free_parameters(bare, _asked(mechanism, kind, "*", everywhere))
+        freedom = free_parameters(mechanism, _asked(mechanism, kind, "*", everywhere), recorded=driven)
     except ValueError:
         return []  # it acts nowhere in this mechanism
     if _can_be_built(mechanism, {**beside, **{e.id: e for e in freedom.added}}):
@@ -295,7 +291,7 @@ def _places_of(mechanism: Mechanism, bare: Mechanism, kind: str, beside: Mapping
     found = []
     for on in dict.fromkeys(p.on for p in freedom.parameters):
         try:
-            one = free_parameters(bare, _asked(mechanism, kind, "+".join(on), on))
+            one = free_parameters(mechanism, _asked(mechanism, kind, "+".join(on), on), recorded=driven)
         except ValueError:
             continue
         if _can_be_built(mechanism, both := {**beside, **{e.id: e for e in one.added}}):

@@ -9,12 +9,12 @@ that the drawing lacks is added at its declared defaults, which mean "absent".
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from backend.mechanism.apart import is_mixed, set_apart
+from backend.mechanism.apart import at_each_place, is_mixed, set_apart
 from backend.mechanism.drawing_error import known
 from backend.mechanism.effect import Effect, ParameterValue, kind_named
 from backend.mechanism.found_contacts import contacts_declared
@@ -67,15 +67,21 @@ class Freedom:
 
 
 def free_parameters(
-    mechanism: Mechanism, specs: Iterable[str], tolerances: Sequence[Tolerance] = (), option: str = "--free"
+    mechanism: Mechanism,
+    specs: Iterable[str],
+    tolerances: Sequence[Tolerance] = (),
+    option: str = "--free",
+    recorded: Set[str] = frozenset(),
 ) -> Freedom:
     """Read specs (each may hold several, comma separated) and tolerances; ValueError with the remedy otherwise.
 
-    option: what the specs were given as, for the sentences.
+    option: what the specs were given as, for the sentences.  recorded: drawn effects whose value is on record; what is
+    free at a joint or body of one is an effect of its own beside it.
     """
     # Where a model of the drawing as it is has one effect a joint, so that addresses are those of its model.
     whole = {e.id for e in mechanism.effects if not (_from_fits(kind_named(e.kind), e) or is_mixed(mechanism, e))}
-    reader = _Reader(contacts_declared(set_apart(mechanism, whole)), option)
+    others = {one.id for e in mechanism.effects if e.id in recorded for one in (e, *at_each_place(mechanism, e))}
+    reader = _Reader(contacts_declared(set_apart(mechanism, whole)), option, others)
     found: dict[str, FreeParameter] = {}
     for spec in (s.strip() for given in specs for s in given.split(",")):
         if spec:
@@ -97,9 +103,10 @@ def free_parameters(
 
 
 class _Reader:
-    def __init__(self, mechanism: Mechanism, option: str):
+    def __init__(self, mechanism: Mechanism, option: str, others: Set[str]):
         self.mechanism = mechanism
         self.option = option
+        self.others = others
         self.added: dict[str, Effect] = {}
 
     def read(self, spec: str) -> list[FreeParameter]:
@@ -142,8 +149,11 @@ class _Reader:
         return named or any(e.id.startswith(f"{text}@") for e in m.effects)
 
     def _parts(self, kind: EffectKind, id: str) -> list[str]:
-        """The effects that one drawn at several places was set apart into, or the id itself."""
-        parts = [e.id for e in self.mechanism.effects if e.kind == kind.name and e.id.startswith(f"{id}@")]
+        """The effects that one drawn at several places was set apart into, or the id itself; of a spring that a kind
+        amends likewise.
+        """
+        able = (kind.name, *kind.amends)
+        parts = [e.id for e in self.mechanism.effects if e.kind in able and e.id.startswith(f"{id}@")]
         return parts or [id]
 
     def everywhere(self, kind: EffectKind, parameter: str | None, spec: str, but: str = "") -> tuple[str, ...]:
@@ -270,9 +280,12 @@ class _Reader:
     def _effect(self, kind: EffectKind, place: str) -> Effect:
         """The drawn effect that is, or acts at exactly, this place; otherwise a new one that does nothing yet."""
         for effect in self.mechanism.effects:
-            if effect.kind == kind.name and (effect.id == place or tuple(effect.on) == (place,)):
+            there = tuple(effect.on) == (place,) and effect.id not in self.others
+            if effect.kind == kind.name and (effect.id == place or there):
                 return effect
         key = f"{kind.name}@{place}"
+        if any(e.id.startswith(f"{kind.name}@") for e in self.mechanism.effects):
+            key = f"added {key}"  # else it would pass for one of the places of a drawn effect of that name
         return self.added.setdefault(
             key, Effect(id=key, kind=kind.name, on=(place,), parameters=self._drawn(kind, place))
         )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from backend.mechanism.apart import joints_of
 from backend.mechanism.drawing_error import DrawingError, known
 from backend.mechanism.effect import ParameterValue, Places, kind_named, order_faults, parameter_faults
 from backend.mechanism.mechanism import Mechanism, place_faults
@@ -131,6 +132,8 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
         if count > 1:
             yield f'experiment "{id}" stands {count} times in the file; ids are unique: rename all but one'
     effects = {effect.id: effect for effect in mechanism.effects}
+    types = {joint.id: joint.type for joint in mechanism.joints}
+    few = {id: type for type, id in {type: id for id, type in types.items()}.items()}  # one of each type
     for experiment in study.experiments:
         where = f'experiment "{experiment.id}"'
         if not (experiment.tracks or experiment.joint_positions or experiment.joint_efforts or experiment.video):
@@ -140,13 +143,8 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
                 yield f'{where}: overrides name effect "{id}", which is not drawn. {known(effects)}'
                 continue
             effect = effects[id]
-            every = effect.on == "all"
-            kind = kind_named(effect.kind)
-            named = (
-                set(effect.on) if kind.names_joints and not every else set()
-            )  # a body or a marker may have a joint's name
-            joints = {joint.id: joint.type for joint in mechanism.joints if joint.id in named}
-            faults = parameter_faults(kind, parameters, joints, every)
+            kind, joints = kind_named(effect.kind), joints_of(effect, few if effect.on == "all" else types)
+            faults = parameter_faults(kind, parameters, joints, every=True)  # a torque reaches what turns alone
             faults += [
                 f"{name} decides how the effect is built, once for all experiments; draw it so, and remove it here"
                 for name in parameters

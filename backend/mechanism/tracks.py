@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from backend.mechanism.apart import joints_of
 from backend.mechanism.drawing_error import DrawingError, known
-from backend.mechanism.effect import kind_named
+from backend.mechanism.effect import joint_type_faults, kind_named
 from backend.mechanism.joint import WITHOUT_COORDINATE
 
 if TYPE_CHECKING:
@@ -201,6 +202,8 @@ def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
 
 def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
     effects = {effect.id: effect for effect in mechanism.effects}
+    types = {joint.id: joint.type for joint in mechanism.joints}
+    few = {id: type for type, id in {type: id for id, type in types.items()}.items()}  # one of each type
     drawn = known(effects)
     rows_of: dict[tuple[Any, Any], list[int]] = {}
     for at, pair in enumerate(zip(table["effect"], table["parameter"], strict=True)):
@@ -212,7 +215,10 @@ def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]
             continue
         kind = kind_named(effects[effect].kind)
         spec = kind.parameters.get(parameter)
-        if spec is None:
+        joints = joints_of(effects[effect], few if effects[effect].on == "all" else types)
+        if spec is not None and joints and (faults := joint_type_faults(kind, [spec], joints, every=True)):
+            yield f"row {row}: {faults[0]}"
+        elif spec is None:
             yield f'row {row}: parameter "{parameter}" is unknown to {kind.name}. {known(kind.parameters)}'
         elif spec.size > 1:
             yield f"row {row}: {parameter} is a list of {spec.size} and cannot be driven; drive a number"
