@@ -13,7 +13,7 @@ from pydantic import Field
 from backend.mechanism.apart import joints_of
 from backend.mechanism.drawing_error import DrawingError, known
 from backend.mechanism.effect import ParameterValue, Places, kind_named, order_faults, parameter_faults
-from backend.mechanism.mechanism import Mechanism, place_faults
+from backend.mechanism.mechanism import Drawn, Mechanism, place_faults
 from backend.mechanism.part import Id, Part
 from backend.mechanism.tracks import TABLES
 
@@ -132,8 +132,7 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
         if count > 1:
             yield f'experiment "{id}" stands {count} times in the file; ids are unique: rename all but one'
     effects = {effect.id: effect for effect in mechanism.effects}
-    types = {joint.id: joint.type for joint in mechanism.joints}
-    few = {id: type for type, id in {type: id for id, type in types.items()}.items()}  # one of each type
+    drawn = Drawn.of(mechanism)
     for experiment in study.experiments:
         where = f'experiment "{experiment.id}"'
         if not (experiment.tracks or experiment.joint_positions or experiment.joint_efforts or experiment.video):
@@ -143,7 +142,8 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
                 yield f'{where}: overrides name effect "{id}", which is not drawn. {known(effects)}'
                 continue
             effect = effects[id]
-            kind, joints = kind_named(effect.kind), joints_of(effect, few if effect.on == "all" else types)
+            kind = kind_named(effect.kind)
+            joints = joints_of(effect, {id: joint.type for id, joint in drawn.joints_of(effect.on).items()})
             faults = parameter_faults(kind, parameters, joints, every=True)  # a torque reaches what turns alone
             faults += [
                 f"{name} decides how the effect is built, once for all experiments; draw it so, and remove it here"
@@ -162,5 +162,5 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
         except ValueError as error:
             yield f"{where}: {error}"
             continue
-        for fault in place_faults(mechanism, kind, tolerance.on):
+        for fault in place_faults(drawn, kind, tolerance.on):
             yield f"{where}: {fault}"
