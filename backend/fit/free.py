@@ -126,7 +126,10 @@ class _Reader:
                 return [p for place in places for p in self.at(kind, (place,), place, parameter)]
             if on == "all" or (on.startswith("all-") and not self._is_id(on)):
                 return self.at(kind, self.everywhere(kind, parameter, spec, on[4:]), on, parameter)
-            return self.at(kind, self.places(kind, tuple(on.split("+")), spec), on, parameter)
+            named = on.split("+")
+            # Of an effect on joints of both kinds, those that have what is named.
+            places = [p for p in self.places(kind, tuple(named), spec) if p in named or self._has(kind, p, parameter)]
+            return self.at(kind, tuple(places) or tuple(named), on, parameter)
         except ValueError as error:
             raise ValueError(f"{self.option} {spec}: {error}") from None
 
@@ -160,7 +163,7 @@ class _Reader:
         """All places of a kind that have the parameter, without those named `a+b`."""
         out = self.places(kind, tuple(but.split("+")), spec) if but else ()
         places = [p for p in self.places(kind, "all", spec) if p not in out]
-        having = tuple(p for p in places if parameter is None or self._has(kind, p, parameter))
+        having = tuple(p for p in places if self._has(kind, p, parameter))
         return having or tuple(places)  # where none has it, the first one says what there is
 
     def places(self, kind: EffectKind, on: tuple[str, ...] | str, spec: str) -> tuple[str, ...]:
@@ -254,8 +257,9 @@ class _Reader:
             return normal
         return bodies[place].T @ normal if kind.acts_on == "body" and place in bodies else None
 
-    def _has(self, kind: EffectKind, place: str, parameter: str) -> bool:
-        return any(s.name == parameter.partition("[")[0] for s in self._suited(kind, place))
+    def _has(self, kind: EffectKind, place: str, parameter: str | None) -> bool:
+        """Whether a parameter means something there; None: whatever does."""
+        return parameter is None or any(s.name == parameter.partition("[")[0] for s in self._suited(kind, place))
 
     def _suited(self, kind: EffectKind, place: str) -> list[ParameterSpec]:
         joint = None

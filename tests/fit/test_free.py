@@ -70,6 +70,17 @@ def test_an_effect_drawn_on_several_joints_is_free_as_one_or_at_each(mechanism):
     assert [p.start for p in free_parameters(drawn, ["coulomb_friction:*"]).parameters] == [0.2, 0.2, 0.0]
 
 
+def test_an_effect_on_joints_of_both_kinds_is_free_by_each_of_its_parameters(mechanism):
+    rub = Effect(id="rub", kind="coulomb_friction", on="all")
+    drawn = set_apart(mechanism.model_copy(update={"effects": (*mechanism.effects, rub)}))
+    both = free_parameters(drawn, ["coulomb_friction:rub"]).parameters
+    again = free_parameters(drawn, [p.name for p in both]).parameters  # as whoever reads fit.json does
+    assert again == both
+    assert [[id for id, _ in p.addresses] for p in both] == [["rub@j1", "rub@j2"], ["rub@slide"]]
+    with pytest.raises(ValueError, match="'rest_rad' is unknown there"):
+        free_parameters(drawn, ["coulomb_friction:rub.rest_rad"])
+
+
 @pytest.mark.parametrize(("id", "on"), [("motor", ["j1"]), ("motor", "all"), ("effort_offset", "all")])
 def test_what_is_free_beside_a_recorded_drive_is_an_effect_of_its_own(mechanism, id, on):
     motor = Effect(id=id, kind="effort_offset", on=on)
