@@ -68,16 +68,17 @@ class Candidate:
     """The same, with what nobody states of it free as well: how walls and ends of travel give, give back and rub. One
     for each size to begin from."""
 
+    label: str = ""
+    """Of a shared one, its places in a word; empty otherwise."""
     share: float = 1.0
     """Of its kind's likelihood, beside an equal part for every candidate: each kind is as likely as the next, wherever
     it may act."""
 
     @property
     def name(self) -> str:
-        """`kind:place`, or `kind:all` for a shared one."""
+        """`kind:place`, or `kind:all` for a shared one; `kind:all-a` or `kind:a+b` where others are drawn otherwise."""
         part = f".{self.parameters[0].parameter}" if self.partial else ""
-        place = self.on[0] if len(self.on) == 1 else "all"
-        return f"{self.kind}:{place}{part}"
+        return f"{self.kind}:{self.label or self.on[0]}{part}"
 
     @property
     def log_odds(self) -> float:
@@ -340,17 +341,28 @@ def _candidates(
                 yield replace(made, closer=_closer(made, parameters, {i: unstated[i] for i in rest}))
         if len(at) < 2 or (family != SMOOTH and family != LOAD):
             continue
-        alike: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
+        alike: dict[tuple[str, ...], dict[tuple[float, ...], list[tuple[str, ...]]]] = {}
         for on, rows in at.items():
-            alike.setdefault(tuple(parameters[i].parameter for i in rows), []).append(on)
-        several = [ons for ons in alike.values() if len(ons) > 1]
-        for ons in several:  # those that turn, and those that slide
+            names, drawn_at = zip(*((parameters[i].parameter, parameters[i].start) for i in rows), strict=True)
+            alike.setdefault(names, {}).setdefault(drawn_at, []).append(on)
+        # Those that turn, and those that slide; of each those that are drawn alike.
+        several = [list(of.values()) for of in alike.values() if any(len(ons) > 1 for ons in of.values())]
+        for ons, kin in ((ons, of) for of in several for ons in of if len(ons) > 1):
             takes = tuple(tuple(group) for group in zip(*(at[on] for on in ons), strict=True))
-            own = tuple(replace(parameters[t[0]], label="all") for t in takes)
             everywhere = tuple(o for on in ons for o in on)
+            label = _together(everywhere, [o for others in kin if others is not ons for on in others for o in on])
+            own = tuple(replace(parameters[t[0]], label=label) for t in takes)
             worth = tuple(tries[t[0]] for t in takes)
             places, reach = _places(mechanism, kind, everywhere), _reach(mechanism, kind, everywhere)
-            yield Candidate(kind, everywhere, places, reach, own, takes, family, worth, len(several) > 1)
+            made = Candidate(kind, everywhere, places, reach, own, takes, family, worth, len(several) > 1)
+            yield replace(made, label=label)
+
+
+def _together(on: Sequence[str], others: Sequence[str]) -> str:
+    """Places in a word, as `--free` takes it."""
+    if not others:
+        return "all"
+    return f"all-{'+'.join(others)}" if len(others) < len(on) else "+".join(on)
 
 
 def _around(p: FreeParameter, row: ParameterRow) -> list[tuple[float, float]]:

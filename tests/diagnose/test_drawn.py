@@ -64,6 +64,18 @@ def test_friction_drawn_everywhere_may_be_less_than_drawn_at_one_joint():
     assert not rub.one_sided.any()
 
 
+def test_friction_drawn_at_some_joints_may_be_wrong_at_all_of_them_at_once():
+    drawn = set_apart(fourbar([effect("damped", "viscous_friction", ["j2", "j3"], damping_n_m_s_per_rad=0.01)]))
+    shared = {c.name: c for c in candidates(drawn).values() if c.kind == "viscous_friction" and len(c.on) > 1}
+    assert {name: c.on for name, c in shared.items()} == {
+        "viscous_friction:j1+j4": ("j1", "j4"), "viscous_friction:j2+j3": ("j2", "j3"),
+    }  # fmt: skip
+    assert [c.parameters[0].start for c in shared.values()] == [0.0, 0.01]
+    assert len({c.parameters[0].name for c in shared.values()}) == 2
+    alone = set_apart(fourbar([effect("damped", "viscous_friction", ["j2"], damping_n_m_s_per_rad=0.01)]))
+    assert candidates(alone)["viscous_friction:all-j2"].on == ("j1", "j3", "j4")
+
+
 def test_a_marker_and_a_joint_of_one_name_are_two_places():
     parts = document(fourbar())
     parts["markers"][0]["id"] = "j3"
