@@ -76,6 +76,17 @@ def test_friction_drawn_at_some_joints_may_be_wrong_at_all_of_them_at_once():
     assert candidates(alone)["viscous_friction:all-j2"].on == ("j1", "j3", "j4")
 
 
+def test_what_a_tolerance_alone_names_is_no_part_of_all():
+    loose = [
+        Tolerance(kind="length_error", on=("ground",), sd=0.01),
+        Tolerance(kind="camera_scale", on=("knee",), sd=0.01),
+    ]
+    found = candidates(fourbar(), tolerances=loose)
+    assert found["length_error:all"].on == ("crank", "coupler", "rocker")  # with the ground it were the whole picture's
+    assert {"length_error:ground", "camera_scale:camera", "camera_scale:knee"} <= set(found)
+    assert "camera_scale:all" not in found
+
+
 def test_a_marker_and_a_joint_of_one_name_are_two_places():
     parts = document(fourbar())
     parts["markers"][0]["id"] = "j3"
