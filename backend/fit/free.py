@@ -162,7 +162,10 @@ class _Reader:
     def everywhere(self, kind: EffectKind, parameter: str | None, spec: str, but: str = "") -> tuple[str, ...]:
         """All places of a kind that have the parameter, without those named `a+b`."""
         out = self.places(kind, tuple(but.split("+")), spec) if but else ()
-        places = [p for p in self.places(kind, "all", spec) if p not in out]
+        places = [
+            p for p in self.places(kind, "all", spec)
+            if p not in out and ((drawn := self._standing(kind, p)) is None or drawn.id not in out)
+        ]  # fmt: skip
         having = tuple(p for p in places if self._has(kind, p, parameter))
         return having or tuple(places)  # where none has it, the first one says what there is
 
@@ -283,16 +286,21 @@ class _Reader:
 
     def _effect(self, kind: EffectKind, place: str) -> Effect:
         """The drawn effect that is, or acts at exactly, this place; otherwise a new one that does nothing yet."""
-        for effect in self.mechanism.effects:
-            there = tuple(effect.on) == (place,) and effect.id not in self.others
-            if effect.kind == kind.name and (effect.id == place or there):
-                return effect
+        if drawn := self._standing(kind, place):
+            return drawn
         key = f"{kind.name}@{place}"
         if any(e.id.startswith(f"{kind.name}@") for e in self.mechanism.effects):
             key = f"added {key}"  # else it would pass for one of the places of a drawn effect of that name
         return self.added.setdefault(
             key, Effect(id=key, kind=kind.name, on=(place,), parameters=self._drawn(kind, place))
         )
+
+    def _standing(self, kind: EffectKind, place: str) -> Effect | None:
+        for effect in self.mechanism.effects:
+            there = tuple(effect.on) == (place,) and effect.id not in self.others
+            if effect.kind == kind.name and (effect.id == place or there):
+                return effect
+        return None
 
     def _drawn(self, kind: EffectKind, place: str) -> dict[str, ParameterValue]:
         """What the place itself says about the parameters of a new effect."""

@@ -68,6 +68,8 @@ def test_an_effect_drawn_on_several_joints_is_free_as_one_or_at_each(mechanism):
     assert [id for id, _ in one.addresses] == ["rub@j1", "rub@j2"]
     assert freedom.added == ()
     assert [p.start for p in free_parameters(drawn, ["coulomb_friction:*"]).parameters] == [0.2, 0.2, 0.0]
+    (rest,) = free_parameters(drawn, ["coulomb_friction:all-rub"]).parameters
+    assert (rest.on, rest.parameter) == (("slide",), "friction_force_n")
 
 
 def test_an_effect_on_joints_of_both_kinds_is_free_by_each_of_its_parameters(mechanism):
