@@ -152,7 +152,7 @@ def aliases(
                 H = T.T @ T + np.diag(np.concatenate([k.prior_sd, *(c.prior_sd for c in rest)]) ** -2.0)
                 b = T.T @ change
                 apart = float(change @ change - b @ np.linalg.solve(H, b))
-            alias = [k.kind, k.on[0] if len(k.on) == 1 else "all"]
+            alias = [k.kind, k.label or k.on[0]]
             if apart < APART and alias not in found:
                 found.append(alias)
     return found

@@ -68,16 +68,17 @@ class Candidate:
     """The same, with what nobody states of it free as well: how walls and ends of travel give, give back and rub. One
     for each size to begin from."""
 
+    label: str = ""
+    """Of a shared one, its places in a word; empty otherwise."""
     share: float = 1.0
     """Of its kind's likelihood, beside an equal part for every candidate: each kind is as likely as the next, wherever
     it may act."""
 
     @property
     def name(self) -> str:
-        """`kind:place`, or `kind:all` for a shared one."""
+        """`kind:place`, or `kind:all` for a shared one; `kind:all-a` or `kind:a+b` where others are drawn otherwise."""
         part = f".{self.parameters[0].parameter}" if self.partial else ""
-        place = self.on[0] if len(self.on) == 1 else "all"
-        return f"{self.kind}:{place}{part}"
+        return f"{self.kind}:{self.label or self.on[0]}{part}"
 
     @property
     def log_odds(self) -> float:
@@ -184,13 +185,12 @@ def library(
     """
     kinds = families()
     wanted = kinds[SMOOTH] if family == SMOOTH else (*kinds[SMOOTH], *kinds[family])
-    loose = free_parameters(mechanism, (), tolerances)
-    bare = mechanism.model_copy(update={"effects": tuple(e for e in mechanism.effects if e.id not in driven)})
+    loose = free_parameters(mechanism, (), tolerances, recorded=driven)
     found: list[FreeParameter] = []
     added: dict[str, Effect] = {e.id: e for e in loose.added}
     # The family's own kinds first: others that cannot stand beside them, or beside a tolerance, are left out.
     for kind in reversed(wanted):
-        for freedom in _places_of(mechanism, bare, kind, added if family != SMOOTH else {}):
+        for freedom in _places_of(mechanism, driven, kind, added if family != SMOOTH else {}):
             found += [p for p in freedom.parameters if all(p.name != f.name for f in found)]
             added |= {e.id: e for e in freedom.added}
     found += [p for p in loose.parameters if all(p.name != f.name for f in found)]
@@ -280,14 +280,11 @@ def _out_of_reach(p: FreeParameter, sd: float | None) -> bool:
     return sd is not None and abs(p.start) > 100.0 * sd
 
 
-def _places_of(mechanism: Mechanism, bare: Mechanism, kind: str, beside: Mapping[str, Effect]) -> list[Freedom]:
-    """The kind everywhere; place by place where it cannot act at all of them, with these effects beside it.
-
-    bare: the drawing without effects that a candidate must not take over.
-    """
+def _places_of(mechanism: Mechanism, driven: frozenset[str], kind: str, beside: Mapping[str, Effect]) -> list[Freedom]:
+    """The kind everywhere; place by place where it cannot act at all of them, with these effects beside it."""
     everywhere = [j.id for j in mechanism.joints]
     try:
-        freedom = free_parameters(bare, _asked(mechanism, kind, "*", everywhere))
+        freedom = free_parameters(mechanism, _asked(mechanism, kind, "*", everywhere), recorded=driven)
     except ValueError:
         return []  # it acts nowhere in this mechanism
     if _can_be_built(mechanism, {**beside, **{e.id: e for e in freedom.added}}):
@@ -295,7 +292,7 @@ def _places_of(mechanism: Mechanism, bare: Mechanism, kind: str, beside: Mapping
     found = []
     for on in dict.fromkeys(p.on for p in freedom.parameters):
         try:
-            one = free_parameters(bare, _asked(mechanism, kind, "+".join(on), on))
+            one = free_parameters(mechanism, _asked(mechanism, kind, "+".join(on), on), recorded=driven)
         except ValueError:
             continue
         if _can_be_built(mechanism, both := {**beside, **{e.id: e for e in one.added}}):
@@ -325,6 +322,7 @@ def _candidates(
     tries: Sequence[tuple[float, ...]],
     unstated: Mapping[int, Sequence[tuple[float, float]]],
 ) -> Iterator[Candidate]:
+    still = {body.id for body in mechanism.bodies if body.fixed}
     for kind in kinds:
         family = family_of(catalogue()[kind])
         at: dict[tuple[str, ...], list[int]] = {}
@@ -342,19 +340,32 @@ def _candidates(
                 made = Candidate(kind, on, places, reach, own, takes, family, worth, len(far) > 1)
                 rest = [i for i, p in enumerate(parameters) if p.kind == kind and p.on == on and i in unstated]
                 yield replace(made, closer=_closer(made, parameters, {i: unstated[i] for i in rest}))
-        if len(at) < 2 or (family != SMOOTH and family != LOAD):
+        if len(at) < 2 or (family != SMOOTH and family != LOAD) or catalogue()[kind].acts_on in ("world", "camera"):
             continue
-        alike: dict[tuple[str, ...], list[tuple[str, ...]]] = {}
+        alike: dict[tuple[str, ...], dict[tuple[float, ...], list[tuple[str, ...]]]] = {}
         for on, rows in at.items():
-            alike.setdefault(tuple(parameters[i].parameter for i in rows), []).append(on)
-        several = [ons for ons in alike.values() if len(ons) > 1]
-        for ons in several:  # those that turn, and those that slide
+            if catalogue()[kind].acts_on == "body" and still.issuperset(on):  # there by its tolerance alone
+                continue
+            names, drawn_at = zip(*((parameters[i].parameter, parameters[i].start) for i in rows), strict=True)
+            alike.setdefault(names, {}).setdefault(drawn_at, []).append(on)
+        # Those that turn, and those that slide; of each those that are drawn alike.
+        several = [list(of.values()) for of in alike.values() if any(len(ons) > 1 for ons in of.values())]
+        for ons, kin in ((ons, of) for of in several for ons in of if len(ons) > 1):
             takes = tuple(tuple(group) for group in zip(*(at[on] for on in ons), strict=True))
-            own = tuple(replace(parameters[t[0]], label="all") for t in takes)
             everywhere = tuple(o for on in ons for o in on)
+            label = _together(everywhere, [o for others in kin if others is not ons for on in others for o in on])
+            own = tuple(replace(parameters[t[0]], label=label) for t in takes)
             worth = tuple(tries[t[0]] for t in takes)
             places, reach = _places(mechanism, kind, everywhere), _reach(mechanism, kind, everywhere)
-            yield Candidate(kind, everywhere, places, reach, own, takes, family, worth, len(several) > 1)
+            made = Candidate(kind, everywhere, places, reach, own, takes, family, worth, len(several) > 1)
+            yield replace(made, label=label)
+
+
+def _together(on: Sequence[str], others: Sequence[str]) -> str:
+    """Places in a word, as `--free` takes it."""
+    if not others:
+        return "all"
+    return f"all-{'+'.join(others)}" if len(others) < len(on) else "+".join(on)
 
 
 def _around(p: FreeParameter, row: ParameterRow) -> list[tuple[float, float]]:

@@ -258,7 +258,12 @@ class _Inquiry:
     def warnings_of(self, verdict: str, shrunk: Shrinkage | None) -> list[str]:
         """What cannot be concluded from this study, and why."""
         said = list(self.warnings)
-        if shrunk is None:
+        if shrunk is None and self.subject.held_out:
+            said.append(
+                "No held-out experiment holds a sample after its release that could tell a gap: how far it shrinks is "
+                "not tested, only fitted. Record their motions too, and check their release times."
+            )
+        elif shrunk is None:
             said.append(
                 "No experiment was held out: how far the gap shrinks is not tested, only fitted. Mark at least two "
                 'runs "use": "held_out".'

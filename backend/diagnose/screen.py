@@ -48,12 +48,12 @@ class Screen:
         S = self.signature(candidate)
         b, H = S.T @ self.r, S.T @ S + np.diag(candidate.prior_sd**-2.0)
         step = np.linalg.solve(H, b)
-        freed = sum(off**2 * relief for _, off, relief in self.strained(candidate))
+        freed = sum(off**2 * relief for _, _, off, relief in self.strained(candidate))
         return (float(b @ step) if candidate.allows(step) else 0.0) + freed
 
-    def strained(self, candidate: Candidate) -> list[tuple[float, float, float]]:
-        """Of every tolerance that the fit has used and the candidate would set free: its value, how many of its sd it
-        is off, and the share of their square that the candidate's wider sd saves.
+    def strained(self, candidate: Candidate) -> list[tuple[str, float, float, float]]:
+        """Of every tolerance that the fit has used and the candidate would set free: the candidate's number that takes
+        it, its value, how many of its sd it is off, and the share of their square that the candidate's wider sd saves.
         """
         choice, known = self.fitted.choice, self.subject.library.parameters
         used = {
@@ -61,20 +61,22 @@ class Screen:
             for p, value, sd in zip(choice.parameters, self.fitted.values, choice.prior_sd, strict=True)
         }
         found = []
-        for take, wide in zip(candidate.takes, candidate.prior_sd, strict=True):
+        for own, take, wide in zip(candidate.parameters, candidate.takes, candidate.prior_sd, strict=True):
             for name in (known[i].name for i in take if i in self.subject.library.nuisances):
                 if name in used:
                     value, start, sd = used[name]
-                    found.append((float(value), float((value - start) / sd), max(1.0 - float(sd / wide) ** 2, 0.0)))
+                    off, relief = float((value - start) / sd), max(1.0 - float(sd / wide) ** 2, 0.0)
+                    found.append((own.name, float(value), off, relief))
         return found
 
     def guess(self, candidate: Candidate) -> dict[str, float]:
-        """First-order values of the candidate's numbers, by name; of a tolerance that it sets free, where that is."""
-        if strained := self.strained(candidate):
-            return dict(zip((p.name for p in candidate.parameters), (s[0] for s in strained), strict=False))
+        """First-order values of the candidate's numbers, by name; of tolerances that one sets free, their mean."""
         S = self.signature(candidate)
         step = np.linalg.solve(S.T @ S + np.diag(candidate.prior_sd**-2.0), S.T @ self.r)
-        return _values(candidate, step)
+        held: dict[str, list[float]] = {}
+        for name, value, *_ in self.strained(candidate):
+            held.setdefault(name, []).append(value)
+        return _values(candidate, step) | {name: float(np.mean(values)) for name, values in held.items()}
 
     def imitated(self, candidate: Candidate, done: Float[np.ndarray, " n"]) -> dict[str, float] | None:
         """Values by which the candidate does to first order what another did, by name; None where it cannot."""
@@ -139,7 +141,7 @@ class Screen:
             b = draws @ T
             step = np.linalg.solve(H, b.T).T
             gain = np.where(c.allows(step), np.sum(b * step, 1), 0.0)
-            for _, _, relief in self.strained(c):  # a tolerance that holds is used like one
+            for *_, relief in self.strained(c):  # a tolerance that holds is used like one
                 gain = gain + relief * rng.standard_normal(DRAWS) ** 2
             largest = np.maximum(largest, gain)
             seen = max(seen, self.gain(c))

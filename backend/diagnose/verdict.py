@@ -76,7 +76,8 @@ def make_report(
         none, unknown = (1.0, 0.0) if verdict == "none" else (0.0, 1.0)
     weighed = Belief(tuple(listed), shown, belief.log_z[: len(listed)], none, unknown)
     places = locations(weighed, model_free)
-    fitted_gap = _fit_remainder(subject, baseline, best, scale)
+    unit = gap_unit(subject.fit if shrunk is None else subject.held_out)
+    fitted_gap = _fit_remainder(subject, baseline, best, scale, unit)
     named = listed and verdict not in ("none", "unknown")
     ladder = _ladder(subject, baseline, listed[0], tried, scale) if named else ""
     return GapReport(
@@ -93,7 +94,7 @@ def make_report(
         probability_none=none,
         probability_unknown=unknown,
         p_value=p,
-        shrink=Shrink(held_out=_held_out(shrunk), fit=fitted_gap, unit=_unit(subject)),
+        shrink=Shrink(held_out=_held_out(shrunk), fit=fitted_gap, unit=unit),
         detectable=_detectable(subject, about, scale),
         next_experiment=following,
         warnings=list(warnings),
@@ -144,12 +145,9 @@ def _effects(cause: Cause, sd: np.ndarray) -> list[CauseEffect]:
     return found
 
 
-def _unit(subject: Subject) -> str:
-    return gap_unit(subject.held_out or subject.fit)
-
-
-def _fit_remainder(subject: Subject, baseline: Cause, best: Cause, scale: float) -> Remainder | None:
-    if baseline.fitted.fraction != best.fitted.fraction:
+def _fit_remainder(subject: Subject, baseline: Cause, best: Cause, scale: float, unit: str) -> Remainder | None:
+    """None where it cannot be told in this unit: markers may tell the held-out gap, and encoders the fitted one."""
+    if baseline.fitted.fraction != best.fitted.fraction or unit != gap_unit(subject.fit):
         return None
     before, noise = _rms(subject, baseline.fitted, scale)
     after, _ = _rms(subject, best.fitted, scale)
@@ -157,8 +155,9 @@ def _fit_remainder(subject: Subject, baseline: Cause, best: Cause, scale: float)
 
 
 def _rms(subject: Subject, fitted: Fitted, scale: float) -> tuple[float, float]:
+    """What is missed in the fitted experiments and what noise is there, in the unit of their own gap."""
     miss, noise, count = 0.0, 0.0, 0
-    unit = _unit(subject)
+    unit = gap_unit(subject.fit)
     for i, probe in enumerate(fitted.whole):
         seen, _ = probe.predict(fitted.values, fitted.own(i))
         units = np.array([c.unit for c in probe.data.channels])[probe.data.channel]

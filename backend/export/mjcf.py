@@ -18,6 +18,7 @@ CONSTRAINT_STEPS = 4.0  # time in which an equality takes an error back, in step
 IMPEDANCE = "0.9999 0.9999 0.001 0.5 2"  # MuJoCo's largest; with its default loops open a thousand times more
 STOP_DAMPING = 4.0  # over critical: at 1 a stop throws back 14% of the speed
 WORLD = "world:axes"  # the site in whose frame forces along W are read
+DRAWN = 1e-9  # rad or m: a smaller drawn coordinate is rounding
 BONE = 0.015  # thickness of the sticks that stand for bodies, in sizes of the mechanism
 
 
@@ -237,9 +238,10 @@ def _sentences(twin: Twin) -> list[str]:
     """What MJCF alone does not hold, or holds otherwise."""
     said = [
         f"joint '{joint.id}': its prescribed motion is the equality '{joint.id}:driven', held at {joint.driven:g}; "
-        f"another path, less {joint.q:g}, is set through eq_data, as no ctrl reaches it"
+        f"another path{f', less {joint.q:g},' if abs(joint.q) > DRAWN else ''} is set through eq_data, as no ctrl "
+        "reaches it"
         for joint in twin.joints
-        if joint.driven is not None
+        if joint.driven is not None and not (twin.body(joint.a).fixed and twin.body(joint.b).fixed)
     ]
     said += [
         f"effect '{push.id}': its reaction on '{push.b}' follows a point of that body, not the point pushed"

@@ -85,8 +85,9 @@ def fit_study(
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("A fit needs float64. Set JAX_ENABLE_X64=1 before JAX starts.")
     began = time.perf_counter()
-    study = replace(study, mechanism=set_apart(study.mechanism, driven_effects(study)))
-    freedom = free_parameters(study.mechanism, free, study.tolerances)
+    driven = driven_effects(study)
+    study = replace(study, mechanism=set_apart(study.mechanism, driven))
+    freedom = free_parameters(study.mechanism, free, study.tolerances, recorded=driven)
     if not freedom.parameters:
         raise ValueError(
             f"Nothing is free to fit in {', '.join(free) or 'an empty list'}: name a kind that can be simulated and "

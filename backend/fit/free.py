@@ -9,12 +9,12 @@ that the drawing lacks is added at its declared defaults, which mean "absent".
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from backend.mechanism.apart import is_mixed, set_apart
+from backend.mechanism.apart import at_each_place, is_mixed, set_apart
 from backend.mechanism.drawing_error import known
 from backend.mechanism.effect import Effect, ParameterValue, kind_named
 from backend.mechanism.found_contacts import contacts_declared
@@ -67,15 +67,21 @@ class Freedom:
 
 
 def free_parameters(
-    mechanism: Mechanism, specs: Iterable[str], tolerances: Sequence[Tolerance] = (), option: str = "--free"
+    mechanism: Mechanism,
+    specs: Iterable[str],
+    tolerances: Sequence[Tolerance] = (),
+    option: str = "--free",
+    recorded: Set[str] = frozenset(),
 ) -> Freedom:
     """Read specs (each may hold several, comma separated) and tolerances; ValueError with the remedy otherwise.
 
-    option: what the specs were given as, for the sentences.
+    option: what the specs were given as, for the sentences.  recorded: drawn effects whose value is on record; what is
+    free at a joint or body of one is an effect of its own beside it.
     """
     # Where a model of the drawing as it is has one effect a joint, so that addresses are those of its model.
     whole = {e.id for e in mechanism.effects if not (_from_fits(kind_named(e.kind), e) or is_mixed(mechanism, e))}
-    reader = _Reader(contacts_declared(set_apart(mechanism, whole)), option)
+    others = {one.id for e in mechanism.effects if e.id in recorded for one in (e, *at_each_place(mechanism, e))}
+    reader = _Reader(contacts_declared(set_apart(mechanism, whole)), option, others)
     found: dict[str, FreeParameter] = {}
     for spec in (s.strip() for given in specs for s in given.split(",")):
         if spec:
@@ -97,9 +103,10 @@ def free_parameters(
 
 
 class _Reader:
-    def __init__(self, mechanism: Mechanism, option: str):
+    def __init__(self, mechanism: Mechanism, option: str, others: Set[str]):
         self.mechanism = mechanism
         self.option = option
+        self.others = others
         self.added: dict[str, Effect] = {}
 
     def read(self, spec: str) -> list[FreeParameter]:
@@ -119,7 +126,10 @@ class _Reader:
                 return [p for place in places for p in self.at(kind, (place,), place, parameter)]
             if on == "all" or (on.startswith("all-") and not self._is_id(on)):
                 return self.at(kind, self.everywhere(kind, parameter, spec, on[4:]), on, parameter)
-            return self.at(kind, self.places(kind, tuple(on.split("+")), spec), on, parameter)
+            named = on.split("+")
+            # Of an effect on joints of both kinds, those that have what is named.
+            places = [p for p in self.places(kind, tuple(named), spec) if p in named or self._has(kind, p, parameter)]
+            return self.at(kind, tuple(places) or tuple(named), on, parameter)
         except ValueError as error:
             raise ValueError(f"{self.option} {spec}: {error}") from None
 
@@ -142,15 +152,21 @@ class _Reader:
         return named or any(e.id.startswith(f"{text}@") for e in m.effects)
 
     def _parts(self, kind: EffectKind, id: str) -> list[str]:
-        """The effects that one drawn at several places was set apart into, or the id itself."""
-        parts = [e.id for e in self.mechanism.effects if e.kind == kind.name and e.id.startswith(f"{id}@")]
+        """The effects that one drawn at several places was set apart into, or the id itself; of a spring that a kind
+        amends likewise.
+        """
+        able = (kind.name, *kind.amends)
+        parts = [e.id for e in self.mechanism.effects if e.kind in able and e.id.startswith(f"{id}@")]
         return parts or [id]
 
     def everywhere(self, kind: EffectKind, parameter: str | None, spec: str, but: str = "") -> tuple[str, ...]:
         """All places of a kind that have the parameter, without those named `a+b`."""
         out = self.places(kind, tuple(but.split("+")), spec) if but else ()
-        places = [p for p in self.places(kind, "all", spec) if p not in out]
-        having = tuple(p for p in places if parameter is None or self._has(kind, p, parameter))
+        places = [
+            p for p in self.places(kind, "all", spec)
+            if p not in out and ((drawn := self._standing(kind, p)) is None or drawn.id not in out)
+        ]  # fmt: skip
+        having = tuple(p for p in places if self._has(kind, p, parameter))
         return having or tuple(places)  # where none has it, the first one says what there is
 
     def places(self, kind: EffectKind, on: tuple[str, ...] | str, spec: str) -> tuple[str, ...]:
@@ -244,8 +260,9 @@ class _Reader:
             return normal
         return bodies[place].T @ normal if kind.acts_on == "body" and place in bodies else None
 
-    def _has(self, kind: EffectKind, place: str, parameter: str) -> bool:
-        return any(s.name == parameter.partition("[")[0] for s in self._suited(kind, place))
+    def _has(self, kind: EffectKind, place: str, parameter: str | None) -> bool:
+        """Whether a parameter means something there; None: whatever does."""
+        return parameter is None or any(s.name == parameter.partition("[")[0] for s in self._suited(kind, place))
 
     def _suited(self, kind: EffectKind, place: str) -> list[ParameterSpec]:
         joint = None
@@ -269,13 +286,21 @@ class _Reader:
 
     def _effect(self, kind: EffectKind, place: str) -> Effect:
         """The drawn effect that is, or acts at exactly, this place; otherwise a new one that does nothing yet."""
-        for effect in self.mechanism.effects:
-            if effect.kind == kind.name and (effect.id == place or tuple(effect.on) == (place,)):
-                return effect
+        if drawn := self._standing(kind, place):
+            return drawn
         key = f"{kind.name}@{place}"
+        if any(e.id.startswith(f"{kind.name}@") for e in self.mechanism.effects):
+            key = f"added {key}"  # else it would pass for one of the places of a drawn effect of that name
         return self.added.setdefault(
             key, Effect(id=key, kind=kind.name, on=(place,), parameters=self._drawn(kind, place))
         )
+
+    def _standing(self, kind: EffectKind, place: str) -> Effect | None:
+        for effect in self.mechanism.effects:
+            there = tuple(effect.on) == (place,) and effect.id not in self.others
+            if effect.kind == kind.name and (effect.id == place or there):
+                return effect
+        return None
 
     def _drawn(self, kind: EffectKind, place: str) -> dict[str, ParameterValue]:
         """What the place itself says about the parameters of a new effect."""

@@ -20,6 +20,7 @@ from backend.jam.follow import Progress
 from backend.jam.kept import KeptChunks
 from backend.jam.run import steps_of
 from backend.jam.sensitivity import FEWEST, Design, Indices, design, indices
+from backend.mechanism.apart import set_apart
 from backend.mechanism.ensemble_report import EnsembleReport, Share, ShownSamples, Throughput, VariedParameter
 from backend.mechanism.mechanism import Mechanism
 
@@ -75,6 +76,7 @@ def ensemble(
     steps_of(duration_s, step_s)
     if not 1 <= samples <= MOST_SAMPLES:
         raise ValueError(f"{samples} samples were asked for; ask for 1 to {MOST_SAMPLES}")
+    mechanism = set_apart(mechanism)
     several, _ = varied(mechanism, specs)
     table = design([one.distribution for one in several], samples, seed)
     document = json.dumps(mechanism.model_dump(mode="json", exclude_none=True))

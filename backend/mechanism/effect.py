@@ -118,7 +118,7 @@ def parameter_faults(
     if not faults and lower is not None and upper is not None and lower > upper:
         faults.append(f"lower {lower:g} is above upper {upper:g}; swap them")
     if joints:
-        faults += _joint_type_faults(kind, specs, joints, every)
+        faults += joint_type_faults(kind, specs, joints, every)
     return faults
 
 
@@ -138,9 +138,10 @@ def order_faults(kind: EffectKind, parameters: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-def _joint_type_faults(
+def joint_type_faults(
     kind: EffectKind, given: list[ParameterSpec], joints: Mapping[str, str], every: bool
 ) -> list[str]:
+    """What of some parameters means nothing at these joints (id -> type)."""
     faults = []
     for spec in given:
         if not any(spec.suits(joint_type) for joint_type in joints.values()):

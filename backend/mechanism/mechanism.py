@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, model_validator
@@ -110,30 +111,74 @@ def _problems(mechanism: Mechanism) -> Iterator[str]:
     for marker in mechanism.markers:
         if marker.body not in bodies:
             yield f'marker "{marker.id}": body "{marker.body}" is not a body. {known(bodies)}'
+    drawn = Drawn.of(mechanism)
     for effect in mechanism.effects:
-        for fault in effect_faults(mechanism, effect):
+        for fault in effect_faults(drawn, effect):
             yield f'effect "{effect.id}": {fault}'
 
 
-def effect_faults(mechanism: Mechanism, effect: Effect) -> list[str]:
-    """What is wrong with an effect in this mechanism: its kind, where it stands, its parameters."""
+@dataclass(frozen=True)
+class Drawn:
+    """The parts of a drawing by id, looked through once for all of its effects.
+
+    some: of joints alike in type, and in whether their fit tells their play, the first.
+    """
+
+    bodies: frozenset[str]
+    ground: tuple[str, ...]
+    markers: frozenset[str]
+    effects: Mapping[str, str]
+    joints: Mapping[str, Joint]
+    some: Mapping[str, Joint]
+    held: Mapping[str, int]
+    """Body -> how many joints hold it."""
+
+    @classmethod
+    def of(cls, mechanism: Mechanism) -> Drawn:
+        """Of a drawing, which need not be right."""
+        alike: dict[tuple[str, bool], Joint] = {}
+        for joint in mechanism.joints:
+            alike.setdefault((joint.type, _tells_its_play(joint)), joint)
+        return cls(
+            bodies=frozenset(body.id for body in mechanism.bodies),
+            ground=tuple(body.id for body in mechanism.bodies if body.fixed),
+            markers=frozenset(marker.id for marker in mechanism.markers),
+            effects={effect.id: effect.kind for effect in mechanism.effects},
+            joints={joint.id: joint for joint in mechanism.joints},
+            some={joint.id: joint for joint in alike.values()},
+            held=Counter(body for joint in mechanism.joints for body in {joint.body_a, joint.body_b}),
+        )
+
+    def joints_of(self, on: Sequence[str]) -> dict[str, Joint]:
+        """Joints on which an effect stands, as drawn; of "all" those that differ."""
+        if on == "all":
+            return dict(self.some)
+        return {id: self.joints[id] for id in on if id in self.joints}
+
+
+def _tells_its_play(joint: Joint) -> bool:
+    return joint.fit is not None and joint.fit.clearance_m() is not None
+
+
+def effect_faults(drawn: Drawn, effect: Effect) -> list[str]:
+    """What is wrong with an effect among these parts: its kind, where it stands, its parameters."""
     try:
         kind = kind_named(effect.kind)
     except ValueError as error:
         return [str(error)]
-    faults = place_faults(mechanism, kind, effect.on)
-    every, joints = effect.on == "all", None
+    faults = place_faults(drawn, kind, effect.on)
+    joints = None
     if kind.acts_on == "joint" or (kind.names_joints and effect.on != ("world",)):
-        named = set(effect.on)
-        joints = {joint.id: joint.type for joint in mechanism.joints if every or joint.id in named}
-    wrong = parameter_faults(kind, effect.parameters, joints, every)
+        joints = drawn.joints_of(effect.on)
+    types = None if joints is None else {id: joint.type for id, joint in joints.items()}
+    wrong = parameter_faults(kind, effect.parameters, types, effect.on == "all")
     faults += wrong or order_faults(kind, effect.parameters)
-    able = [joint for joint in mechanism.joints if joint.id in (joints or ()) and kind.suits(joint.type)]
-    unfitted = [joint.id for joint in able if joint.fit is None or joint.fit.clearance_m() is None]
+    able = [joint for joint in (joints or {}).values() if kind.suits(joint.type)]
+    unfitted = [joint.id for joint in able if not _tells_its_play(joint)]
     if kind.name == FOUND and effect.on == "all":
         return faults + _found_faults(effect)
     if kind.acts_on == "bodies":
-        faults += _unheld_faults(mechanism, kind, effect)
+        faults += _unheld_faults(drawn, kind, effect)
     return faults + missing_parameters(kind, effect.parameters, unfitted[0] if unfitted else None)
 
 
@@ -150,12 +195,11 @@ def _found_faults(effect: Effect) -> list[str]:
     return faults
 
 
-def _unheld_faults(mechanism: Mechanism, kind: EffectKind, effect: Effect) -> Iterator[str]:
+def _unheld_faults(drawn: Drawn, kind: EffectKind, effect: Effect) -> Iterator[str]:
     """Ends that joints should give, on bodies that too few joints hold."""
-    ground = [body.id for body in mechanism.bodies if body.fixed]
-    for side, body in zip("ab", [*effect.on, *ground][:2], strict=False):
+    for side, body in zip("ab", [*effect.on[:2], *drawn.ground[:2]][:2], strict=False):
         lacking = [n for n, s in kind.parameters.items() if s.drawn and f"_{side}_" in n and n not in effect.parameters]
-        held = sum(body in (joint.body_a, joint.body_b) for joint in mechanism.joints)
+        held = drawn.held.get(body, 0)
         if lacking and held < 2:
             count = f"{held} joint" if held == 1 else "no joint"
             yield (
@@ -164,41 +208,37 @@ def _unheld_faults(mechanism: Mechanism, kind: EffectKind, effect: Effect) -> It
             )
 
 
-def place_faults(mechanism: Mechanism, kind: EffectKind, on: Sequence[str]) -> list[str]:
+def place_faults(drawn: Drawn, kind: EffectKind, on: Sequence[str]) -> list[str]:
     """Why a kind cannot stand at `on` (ids, or the word "all")."""
     acts_on = kind.acts_on
     if acts_on in ("world", "camera"):
-        markers = {marker.id for marker in mechanism.markers}
-        if on == (acts_on,) or (acts_on == "camera" and on != "all" and markers.issuperset(on)):
+        if on == (acts_on,) or (acts_on == "camera" and on != "all" and drawn.markers.issuperset(on)):
             return []
-        joints = [joint.id for joint in mechanism.joints]
-        if kind.names_joints and on != "all" and set(on) <= set(joints):
+        if kind.names_joints and on != "all" and drawn.joints.keys() >= set(on):
             return []
-        others = f", or name joints. {known(joints)}" if kind.names_joints else ""
+        others = f", or name joints. {known(drawn.joints)}" if kind.names_joints else ""
         return [f'on is {shortened(on)}, but {kind.name} acts on the {acts_on}; write "on": ["{acts_on}"]{others}']
     part = {"bodies": "body"}.get(acts_on, acts_on)
-    groups = {
-        "body": mechanism.bodies,
-        "joint": mechanism.joints,
-        "marker": mechanism.markers,
-        "effect": mechanism.effects,
-    }
-    ids = {member.id for member in groups[part]}
+    ids: Collection[str] = {
+        "body": drawn.bodies,
+        "joint": drawn.joints,
+        "marker": drawn.markers,
+        "effect": drawn.effects,
+    }[part]
     if on == "all" and not ids:
         return [f'stands on "all", but no {part} is drawn; draw one, or remove the effect']
-    if on == "all":
-        # Its points and axes are those of one body: they would mean nothing on every other.
-        paired = f'on is "all", but {kind.name} acts on one body, or between two; name them. {known(ids)}'
-        return [paired] if acts_on == "bodies" and kind.name != FOUND else []
+    if on == "all" and (acts_on != "bodies" or kind.name == FOUND):
+        return []
+    if on == "all":  # its points and axes are those of one body: they would mean nothing on every other
+        return [f'on is "all", but {kind.name} acts on one body, or between two; name them. {known(ids)}']
     faults = []
     if strangers := [id for id in on if id not in ids]:
         there = known(ids)
         faults = [f'on names "{id}", but no {part} has that id. {there}' for id in strangers]
-    if acts_on == "effect":
-        able = {member.id for member in mechanism.effects if member.kind in kind.amends}
-        if unfit := [id for id in on if id in ids and id not in able]:
-            words, there = " or ".join(kind.amends), known(able)
-            faults += [f'on names "{id}", but {kind.name} acts on {words}. {there}' for id in unfit]
+    if acts_on == "effect" and (unfit := [id for id in on if id in ids and drawn.effects[id] not in kind.amends]):
+        words = " or ".join(kind.amends)
+        there = known(id for id, other in drawn.effects.items() if other in kind.amends)
+        faults += [f'on names "{id}", but {kind.name} acts on {words}. {there}' for id in unfit]
     if (rest := len(faults) - MOST_LISTED) > 0:
         faults = [*faults[:MOST_LISTED], f"on has {rest} more names like the last"]
     if acts_on == "bodies" and len(on) > 2:

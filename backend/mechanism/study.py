@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from backend.mechanism.apart import joints_of
 from backend.mechanism.drawing_error import DrawingError, known
 from backend.mechanism.effect import ParameterValue, Places, kind_named, order_faults, parameter_faults
-from backend.mechanism.mechanism import Mechanism, place_faults
+from backend.mechanism.mechanism import Drawn, Mechanism, place_faults
 from backend.mechanism.part import Id, Part
 from backend.mechanism.tracks import TABLES
 
@@ -131,6 +132,7 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
         if count > 1:
             yield f'experiment "{id}" stands {count} times in the file; ids are unique: rename all but one'
     effects = {effect.id: effect for effect in mechanism.effects}
+    drawn = Drawn.of(mechanism)
     for experiment in study.experiments:
         where = f'experiment "{experiment.id}"'
         if not (experiment.tracks or experiment.joint_positions or experiment.joint_efforts or experiment.video):
@@ -140,13 +142,9 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
                 yield f'{where}: overrides name effect "{id}", which is not drawn. {known(effects)}'
                 continue
             effect = effects[id]
-            every = effect.on == "all"
             kind = kind_named(effect.kind)
-            named = (
-                set(effect.on) if kind.names_joints and not every else set()
-            )  # a body or a marker may have a joint's name
-            joints = {joint.id: joint.type for joint in mechanism.joints if joint.id in named}
-            faults = parameter_faults(kind, parameters, joints, every)
+            joints = joints_of(effect, {id: joint.type for id, joint in drawn.joints_of(effect.on).items()})
+            faults = parameter_faults(kind, parameters, joints, every=True)  # a torque reaches what turns alone
             faults += [
                 f"{name} decides how the effect is built, once for all experiments; draw it so, and remove it here"
                 for name in parameters
@@ -164,5 +162,5 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
         except ValueError as error:
             yield f"{where}: {error}"
             continue
-        for fault in place_faults(mechanism, kind, tolerance.on):
+        for fault in place_faults(drawn, kind, tolerance.on):
             yield f"{where}: {fault}"

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from backend.mechanism.apart import joints_of
 from backend.mechanism.drawing_error import DrawingError, known
-from backend.mechanism.effect import kind_named
+from backend.mechanism.effect import joint_type_faults, kind_named
 from backend.mechanism.joint import WITHOUT_COORDINATE
+from backend.mechanism.mechanism import Drawn, Mechanism
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from backend.mechanism.mechanism import Mechanism
 
 STATUSES = ("ok", "observed", "occluded", "predicted", "outlier")
 PLACES, PIXELS = ("x_m", "y_m", "z_m"), ("x_px", "y_px")  # of a marker in the world, and in the picture
@@ -201,18 +201,22 @@ def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
 
 def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
     effects = {effect.id: effect for effect in mechanism.effects}
-    drawn = known(effects)
+    drawn, names = Drawn.of(mechanism), known(effects)
     rows_of: dict[tuple[Any, Any], list[int]] = {}
     for at, pair in enumerate(zip(table["effect"], table["parameter"], strict=True)):
         rows_of.setdefault(pair, []).append(at)
     for (effect, parameter), its in rows_of.items():
         row = its[0] + 2
         if effect not in effects:
-            yield f'row {row}: effect "{effect}" is not drawn; rename it or draw it. {drawn}'
+            yield f'row {row}: effect "{effect}" is not drawn; rename it or draw it. {names}'
             continue
         kind = kind_named(effects[effect].kind)
         spec = kind.parameters.get(parameter)
-        if spec is None:
+        on = drawn.joints_of(effects[effect].on)
+        joints = joints_of(effects[effect], {id: joint.type for id, joint in on.items()})
+        if spec is not None and joints and (faults := joint_type_faults(kind, [spec], joints, every=True)):
+            yield f"row {row}: {faults[0]}"
+        elif spec is None:
             yield f'row {row}: parameter "{parameter}" is unknown to {kind.name}. {known(kind.parameters)}'
         elif spec.size > 1:
             yield f"row {row}: {parameter} is a list of {spec.size} and cannot be driven; drive a number"

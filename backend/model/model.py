@@ -104,22 +104,32 @@ class Model(eqx.Module):
             model = eqx.tree_at(lambda m, i=index, n=name: getattr(m.effects[i].effect, n), model, leaf)
         return model
 
-    def overridden(self, overrides: Mapping[str, Mapping[str, ParameterValue]]) -> dict[Address, Any]:
-        """Values that an experiment sets otherwise than drawn, by address: of an effect that the model holds once a
-        place (`id@place`), because its places differ, at each where the parameter means something.
+    def addresses(self, effect_id: str, name: str) -> list[Address]:
+        """Where the model holds a number of a drawn effect: one that it holds once a place (`id@place`), because its
+        places differ, at each where the parameter means something; none where there is no such effect.
         """
-        ids = [id for placed in self.effects for id in placed.ids]
+        if any(effect_id in placed.ids for placed in self.effects):
+            return [(effect_id, name)]
         types = dict(zip(self.topology.joint_ids, self.topology.joint_types, strict=True))
-        rows = self.parameters if overrides else {}
-        found = {}
-        for effect_id, given in overrides.items():
-            apart = [] if effect_id in ids else [id for id in ids if id.startswith(f"{effect_id}@")]
-            for name, value in given.items():
-                for id in apart or [effect_id]:
-                    able = rows[id, name].declaration.joint_types if apart else None
-                    if able is None or types[rows[id, name].on[0]] in able:
-                        found[id, name] = value
+        found = []
+        for placed in self.effects:
+            declared = placed.effect.declarations().get(name)
+            for row, id in enumerate(placed.ids):
+                if declared is None or not id.startswith(f"{effect_id}@"):
+                    continue
+                able = declared.joint_types
+                if able is None or types[self._names(placed, row)[0]] in able:
+                    found.append((id, name))
         return found
+
+    def overridden(self, overrides: Mapping[str, Mapping[str, ParameterValue]]) -> dict[Address, Any]:
+        """Values that an experiment sets otherwise than drawn, by address."""
+        return {
+            address: value
+            for effect_id, given in overrides.items()
+            for name, value in given.items()
+            for address in self.addresses(effect_id, name)
+        }
 
     def _find(self, effect_id: str, name: str) -> tuple[int, int]:
         for index, placed in enumerate(self.effects):

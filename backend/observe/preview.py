@@ -67,6 +67,6 @@ class Preview:
         self.container.mux(self.stream.encode(None))
         self.container.close()
         if broken:
-            self.part.unlink()
+            self.part.unlink(missing_ok=True)  # it is made with its first picture
         else:
             self.part.replace(self.path)

@@ -50,7 +50,8 @@ def alike(cause: CauseSet) -> list[str]:
     """What the data cannot tell it from, kind by kind."""
     places: dict[str, list[str]] = {}
     for kind, at in cause.indistinguishable_from:
-        places.setdefault(kind.replace("_", " "), []).append("all at once" if at == "all" else at)
+        together = f"all but {at[4:]}" if at.startswith("all-") else at
+        places.setdefault(kind.replace("_", " "), []).append("all at once" if at == "all" else together)
     return [f"{kind} at {_either(ats)}" for kind, ats in places.items()]
 
 

@@ -32,7 +32,9 @@ class Database:
     def digest(self) -> str:
         """A name of this database that tells neither its user nor a password, the same from wherever it is opened."""
         url = self.engine.url
-        place = str(Path(url.database or "").resolve()) if url.host is None else f"{url.host}:{url.port}/{url.database}"
+        place = f"{url.host or url.query.get('host')}:{url.port}/{url.database}"
+        if self.url.startswith("sqlite"):
+            place = str(Path(url.database or "").resolve())
         return hashlib.sha256(place.encode()).hexdigest()
 
     @contextmanager

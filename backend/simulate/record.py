@@ -53,17 +53,20 @@ def on_steps(
     Raises ValueError naming an effect or parameter that takes no record.
     """
     nodes = start_s + step_s * np.arange(steps + 1)
-    columns = []
+    columns, table, driven = [], model.parameters, []
     for (effect, name), times, values in series:
-        row = model.parameters.get((effect, name))
-        if row is None or row.declaration.drive is None:
-            takes = [f"{e}.{p}" for (e, p), r in model.parameters.items() if r.declaration.drive]
+        at = [address for address in model.addresses(effect, name) if address in table]
+        drive = table[at[0]].declaration.drive if at else None
+        if drive is None:
+            takes = [f"{e}.{p}" for (e, p), r in table.items() if r.declaration.drive]
             raise ValueError(f"'{effect}.{name}' takes no recorded input; inputs here: {', '.join(takes) or 'none'}")
-        if row.declaration.drive == "end":
-            columns.append(held_value(times, values, nodes + (1 + ROUNDING) * step_s))
+        if drive == "end":
+            column = held_value(times, values, nodes + (1 + ROUNDING) * step_s)
         else:
-            columns.append(mean_value(times, values, nodes - 0.5 * step_s, nodes + 0.5 * step_s))
-    return Record(jnp.asarray(np.stack(columns, -1)), tuple(address for address, _, _ in series))
+            column = mean_value(times, values, nodes - 0.5 * step_s, nodes + 0.5 * step_s)
+        columns += [column] * len(at)
+        driven += at
+    return Record(jnp.asarray(np.stack(columns, -1)), tuple(driven))
 
 
 def held_value(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from backend.diagnose.library import SMOOTH, library
+from backend.fit.free import free_parameters
 from backend.mechanism.apart import set_apart
 from backend.mechanism.read import parse_mechanism
 from backend.mechanism.study import Tolerance
@@ -63,6 +64,29 @@ def test_friction_drawn_everywhere_may_be_less_than_drawn_at_one_joint():
     assert not rub.one_sided.any()
 
 
+def test_friction_drawn_at_some_joints_may_be_wrong_at_all_of_them_at_once():
+    drawn = set_apart(fourbar([effect("damped", "viscous_friction", ["j2", "j3"], damping_n_m_s_per_rad=0.01)]))
+    shared = {c.name: c for c in candidates(drawn).values() if c.kind == "viscous_friction" and len(c.on) > 1}
+    assert {name: c.on for name, c in shared.items()} == {
+        "viscous_friction:j1+j4": ("j1", "j4"), "viscous_friction:j2+j3": ("j2", "j3"),
+    }  # fmt: skip
+    assert [c.parameters[0].start for c in shared.values()] == [0.0, 0.01]
+    assert len({c.parameters[0].name for c in shared.values()}) == 2
+    alone = set_apart(fourbar([effect("damped", "viscous_friction", ["j2"], damping_n_m_s_per_rad=0.01)]))
+    assert candidates(alone)["viscous_friction:all-j2"].on == ("j1", "j3", "j4")
+
+
+def test_what_a_tolerance_alone_names_is_no_part_of_all():
+    loose = [
+        Tolerance(kind="length_error", on=("ground",), sd=0.01),
+        Tolerance(kind="camera_scale", on=("knee",), sd=0.01),
+    ]
+    found = candidates(fourbar(), tolerances=loose)
+    assert found["length_error:all"].on == ("crank", "coupler", "rocker")  # with the ground it were the whole picture's
+    assert {"length_error:ground", "camera_scale:camera", "camera_scale:knee"} <= set(found)
+    assert "camera_scale:all" not in found
+
+
 def test_a_marker_and_a_joint_of_one_name_are_two_places():
     parts = document(fourbar())
     parts["markers"][0]["id"] = "j3"
@@ -110,6 +134,33 @@ def test_a_joint_whose_effort_is_on_record_may_have_an_offset_beside_it():
     assert offset.parameters[0].addresses[0][0] != "motor"
     (plain,) = [c for c in library(drawn, SMOOTH).candidates if c.kind == "effort_offset"]
     assert plain.parameters[0].addresses[0][0] == "motor"
+
+
+def test_a_spring_whose_length_is_on_record_may_be_stiffer_than_drawn():
+    ends = {"anchor_a_m": [0.1, 0, 0], "anchor_b_m": [0.1, 0, 0.2], "free_length_m": 0.05, "stiffness_n_per_m": 100}
+    drawn = pendulum(effects=[effect("rope", "extension_spring", ["link", "ground"], **ends)])
+    assert "spring_stiffness_error:rope" in candidates(drawn, driven=frozenset({"rope"}))
+
+
+def test_a_push_is_in_the_unit_of_the_first_joint_that_moves_by_itself_whatever_is_on_record():
+    drawn = slider_crank(effects=[effect("hold", "prescribed_motion", ["main", "crankpin", "wrist"], q=0.0)])
+    (push,) = candidates(drawn, driven=frozenset({"hold"}))["release_velocity:world"].parameters
+    assert push.parameter == "m_per_s"
+
+
+@pytest.mark.parametrize("on", ["all", ["coil"]])
+def test_springs_at_several_joints_keep_their_errors_and_tolerances(on):
+    drawn = set_apart(fourbar([
+        effect("coil", "torsion_spring", ["j1", "j2"], stiffness_n_m_per_rad=0.1),
+        effect("soft", "spring_stiffness_error", on, relative=-0.2),
+    ]))  # fmt: skip
+    build(drawn)
+    (one,) = free_parameters(drawn, ["spring_stiffness_error:coil"]).parameters
+    assert (one.name, one.start, len(one.addresses)) == ("spring_stiffness_error:coil.relative", -0.2, 2)
+    loose = [Tolerance(kind="spring_stiffness_error", on=("coil",), sd=0.05)]
+    known = library(drawn, SMOOTH, loose)
+    assert {known.parameters[i].addresses[0][0] for i in known.nuisances} == {"soft@coil@j1", "soft@coil@j2"}
+    assert "spring_stiffness_error:coil@j1" in {c.name for c in known.candidates}
 
 
 def test_where_no_joint_can_be_pushed_no_push_is_a_cause():

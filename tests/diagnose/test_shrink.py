@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.diagnose import shrink
+from backend.diagnose import run, shrink, verdict
 from backend.diagnose.shrink import gap_power, shrinkage
 from backend.fit.measured import Channel, Measured
 
@@ -46,6 +46,29 @@ def test_a_cause_that_loses_the_motion_does_not_pass_for_one_that_explains_it():
     never = shrinkage([seen(0.02, lost_after=-1.0)], [seen(0.0)], rng)
     assert never is not None
     assert np.isfinite([never.before, never.after, never.noise]).all()
+
+
+def test_a_fitted_gap_is_told_in_its_own_unit_or_not_at_all():
+    made = seen(0.02, miss_rad=0.3)
+    data = made.probe.data
+    angles = np.flatnonzero(data.channel == 1)
+    encoder = Measured(data.time_s[angles], data.value[angles], data.sigma[angles], np.zeros(120, int),
+                       data.channels[1:], 0.0)  # fmt: skip
+    predicted = made.predicted[angles]
+    probe: Any = SimpleNamespace(data=encoder, predict=lambda values, own: (predicted, None))
+    subject: Any = SimpleNamespace(fit=[probe], noise=SimpleNamespace(keep=[np.ones(120, bool)], sigma=[encoder.sigma]))
+    cause: Any = SimpleNamespace(fitted=SimpleNamespace(fraction=1.0, whole=[probe], values=(), own=lambda i: ()))
+    assert verdict._fit_remainder(subject, cause, cause, 1.0, "m") is None
+    told = verdict._fit_remainder(subject, cause, cause, 1.0, "rad")
+    assert told is not None
+    assert told.before_rms_m == pytest.approx(0.3 / np.sqrt(2), rel=0.1)
+
+
+@pytest.mark.parametrize(("held_out", "words"), [([], "No experiment was held out"), ([1], "sample after its release")])
+def test_what_is_not_tested_is_said_with_its_reason(held_out, words):
+    inquiry: Any = SimpleNamespace(warnings=[], subject=SimpleNamespace(held_out=held_out, fit=[1, 2]))
+    (said,) = run._Inquiry.warnings_of(inquiry, "identified", None)
+    assert words in said
 
 
 def test_where_nothing_moves_there_is_nothing_to_explain():

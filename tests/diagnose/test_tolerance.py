@@ -1,16 +1,40 @@
 """What a study calls loose is no finding while it is as loose as that, and is one well beyond."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
 import pytest
 
+from backend.diagnose.library import SMOOTH, library
+from backend.diagnose.screen import Screen
 from backend.mechanism.study import Tolerance
 from tests.diagnose.test_diagnosis import COARSE_S, FEW, drawing, study
+from tests.mechanisms import double_pendulum
 
 __all__ = ["drawing"]  # the bar that hangs and swings, as a fixture
 
 pytestmark = pytest.mark.timeout(600)
 LOOSE = Tolerance(kind="camera_scale", on=("camera",), sd=0.005)
+
+
+def test_each_number_of_a_shared_cause_begins_where_its_own_tolerances_are():
+    """Both bars of a pendulum, loose along and across: 1 and 2 mm along, 5 and 7 mm across."""
+    loose = [Tolerance(kind="center_of_mass_error", on=("upper", "lower"), sd=0.01)]
+    known = library(double_pendulum(), SMOOTH, loose)
+    (shared,) = [c for c in known.candidates if c.name == "center_of_mass_error:all"]
+    held = [known.parameters[i] for i in known.nuisances]
+    at = {f"{body}.offset_m[{k}]": 1e-3 * mm for body, k, mm in
+          (("upper", 0, 1), ("upper", 1, 5), ("lower", 0, 2), ("lower", 1, 7))}  # fmt: skip
+    values = np.array([at[p.name.partition(":")[2]] for p in held])
+    choice: Any = SimpleNamespace(parameters=held, prior_sd=np.full(len(held), 0.01))
+    about = Screen(
+        cast("Any", SimpleNamespace(library=known)), cast("Any", SimpleNamespace(choice=choice, values=values)),
+        np.zeros((3, len(known.parameters))), np.zeros(3),
+    )  # fmt: skip
+    begin = {name.rpartition(".")[2]: value for name, value in about.guess(shared).items()}
+    assert begin == pytest.approx({"offset_m[0]": 1.5e-3, "offset_m[1]": 6e-3})
 
 
 @pytest.mark.parametrize(("scale", "named"), [(1.005, False), (1.05, True)])

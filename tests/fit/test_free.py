@@ -7,6 +7,7 @@ from backend.mechanism.effect import Effect
 from backend.mechanism.marker import Marker
 from backend.mechanism.read import parse_mechanism
 from backend.mechanism.study import Tolerance
+from backend.model.build import build
 
 UNIT = {"position_m": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}
 SOLID = {
@@ -67,6 +68,30 @@ def test_an_effect_drawn_on_several_joints_is_free_as_one_or_at_each(mechanism):
     assert [id for id, _ in one.addresses] == ["rub@j1", "rub@j2"]
     assert freedom.added == ()
     assert [p.start for p in free_parameters(drawn, ["coulomb_friction:*"]).parameters] == [0.2, 0.2, 0.0]
+    (rest,) = free_parameters(drawn, ["coulomb_friction:all-rub"]).parameters
+    assert (rest.on, rest.parameter) == (("slide",), "friction_force_n")
+
+
+def test_an_effect_on_joints_of_both_kinds_is_free_by_each_of_its_parameters(mechanism):
+    rub = Effect(id="rub", kind="coulomb_friction", on="all")
+    drawn = set_apart(mechanism.model_copy(update={"effects": (*mechanism.effects, rub)}))
+    both = free_parameters(drawn, ["coulomb_friction:rub"]).parameters
+    again = free_parameters(drawn, [p.name for p in both]).parameters  # as whoever reads fit.json does
+    assert again == both
+    assert [[id for id, _ in p.addresses] for p in both] == [["rub@j1", "rub@j2"], ["rub@slide"]]
+    with pytest.raises(ValueError, match="'rest_rad' is unknown there"):
+        free_parameters(drawn, ["coulomb_friction:rub.rest_rad"])
+
+
+@pytest.mark.parametrize(("id", "on"), [("motor", ["j1"]), ("motor", "all"), ("effort_offset", "all")])
+def test_what_is_free_beside_a_recorded_drive_is_an_effect_of_its_own(mechanism, id, on):
+    motor = Effect(id=id, kind="effort_offset", on=on)
+    drawn = mechanism.model_copy(update={"effects": (*mechanism.effects, motor)})
+    freedom = free_parameters(drawn, ["effort_offset:j1"], recorded={id})
+    (offset,) = freedom.parameters
+    (added,) = freedom.added
+    assert offset.addresses == ((added.id, "torque_n_m"),)
+    assert set(build(drawn, freedom.added).addresses(id, "torque_n_m")).isdisjoint(offset.addresses)
 
 
 def test_an_end_of_travel_is_told_in_the_unit_of_its_joint(mechanism):

@@ -49,6 +49,14 @@ def test_both_tolerances_share_the_blame_alike(found):
         assert one.total.ci95[0] < 2 / 3 < one.total.ci95[1]
 
 
+def test_friction_drawn_everywhere_is_what_varies_at_one_joint():
+    drawn = weak_bar(dry_n_m=1.0)
+    every = drawn.model_copy(update={"effects": tuple(
+        e.model_copy(update={"on": "all"}) if e.id == "dry" else e for e in drawn.effects
+    )})  # fmt: skip
+    assert ensemble(every, [f"{DRY}=uniform(0.001,0.002)"], 4, **RUN).report.jammed == 0
+
+
 def test_the_same_seed_draws_the_same_samples(found):
     again = ensemble(weak_bar(), SPECS, 64, **RUN, seed=1).report
     same = ensemble(weak_bar(), SPECS, 64, **RUN, seed=1).report

@@ -437,6 +437,16 @@ def test_a_repeated_key_among_many_is_found_at_once():
     assert time.process_time() - began < 5.0  # counted one by one: an hour
 
 
+@pytest.mark.parametrize("on", ["all", ["j1"]])
+def test_many_effects_at_many_joints_are_read_in_the_time_of_both(drawings, on):
+    document = drawings.pendulum()
+    document["joints"] += [{**document["joints"][0], "id": f"k{number}"} for number in range(4000)]
+    document["effects"] = [{"id": f"e{number}", "kind": "viscous_friction", "on": on} for number in range(4000)]
+    began = time.process_time()
+    parse_mechanism(document)
+    assert time.process_time() - began < 5.0  # each joint asked for each effect: a minute and more
+
+
 @pytest.mark.parametrize("known", [0, 20_000])
 def test_a_hostile_list_of_places_is_refused_at_once_and_in_a_few_lines(drawings, known):
     document = drawings.pendulum()

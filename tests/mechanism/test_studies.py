@@ -12,7 +12,8 @@ from backend.mechanism.fit_report import FitReport
 from backend.mechanism.jam_report import run_folder
 from backend.mechanism.read import parse, parse_mechanism, parse_study, read_study
 from backend.mechanism.study import StudyFile, study_problems
-from tests.mechanisms import document, effect, fourbar, pendulum
+from backend.mechanism.tracks import read_table
+from tests.mechanisms import bead_on_bar, document, effect, fourbar, pendulum
 
 TRACKS = "time_s,marker,x_m,y_m,z_m,sigma_m\n0,tip,0.1,,0.2,\n0.01,tip,0.1,,0.2,0.001\n0.02,tip,,,,\n"
 JOINTS = "time_s,joint,q,sigma\n0,j1,0.1,0.001\n0.01,j1,0.2,\n"
@@ -96,6 +97,33 @@ def test_an_experiment_may_change_a_value_but_not_how_an_effect_is_built(paramet
     problems = list(study_problems(file, drawn))
     assert len(problems) == faults
     assert all("draw it so" in problem for problem in problems)
+
+
+@pytest.mark.parametrize(
+    ("on", "drawn", "override", "faults"),
+    [
+        (["pin", "rail"], {"friction_torque_n_m": 0.1, "friction_force_n": 1.0}, "friction_torque_n_m", 0),
+        ("all", {"friction_torque_n_m": 0.1, "friction_force_n": 1.0}, "friction_torque_n_m", 0),
+        ("all", {"friction_force_n": 1.0}, "friction_torque_n_m", 1),
+        ("all", {}, "friction_torque_n_m", 0),
+        (["rail"], {"friction_force_n": 1.0}, "friction_torque_n_m", 1),
+    ],
+)
+def test_an_override_means_something_where_its_effect_stands(on, drawn, override, faults):
+    rub = bead_on_bar([effect("rub", "coulomb_friction", on, **drawn)])
+    entry = {"id": "e1", "tracks": "t.csv", "release": {"time_s": 0.0}, "overrides": {"rub": {override: 0.2}}}
+    file = StudyFile.model_validate({"mechanism": "mechanism.json", "experiments": [entry]})
+    problems = list(study_problems(file, rub))
+    assert len(problems) == faults
+    assert all('joint "rail", which is prismatic; use friction_force_n' in problem for problem in problems)
+
+
+def test_a_recorded_force_means_something_where_its_effect_stands(tmp_path):
+    (tmp_path / "u.csv").write_text("time_s,effect,parameter,value\n0,motor,force_n,1\n")
+    for on in (["rail"], "all"):
+        read_table("inputs", tmp_path / "u.csv", bead_on_bar([effect("motor", "effort_offset", on)]))
+    with pytest.raises(DrawingError, match=r'row 2: force_n does not suit joint "pin", which is revolute; use torque'):
+        read_table("inputs", tmp_path / "u.csv", bead_on_bar([effect("motor", "effort_offset", ["pin"])]))
 
 
 def test_an_override_of_a_bodys_effect_asks_no_joint_of_the_bodys_name():

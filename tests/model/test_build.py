@@ -4,11 +4,14 @@ import jax
 import numpy as np
 import pytest
 
+from backend.fit.free import free_parameters
+from backend.mechanism.apart import set_apart
 from backend.mechanism.read import parse_mechanism
 from backend.model.build import build
 from backend.model.state import drawn_pose
 from backend.model.system import system
 from backend.simulate import points
+from backend.simulate.record import on_steps
 from tests.mechanisms import (
     bead_on_bar,
     document,
@@ -73,7 +76,7 @@ def test_an_effect_that_a_joint_cannot_have_is_refused():
 def test_an_effect_on_all_acts_where_it_can():
     model = build(bead_on_bar([effect("p", "pin_friction", "all"), effect("v", "viscous_friction", "all")]))
     on = {id: row.on for (id, _), row in model.parameters.items()}
-    assert on == {"p": ("pin",), "v": ("pin", "rail")}
+    assert on == {"p": ("pin",), "v@pin": ("pin",), "v@rail": ("rail",)}
 
 
 def test_torques_turn_and_forces_slide_whatever_stands_on_all():
@@ -94,6 +97,25 @@ def test_an_override_of_a_torque_leaves_what_slides_alone():
     values = model.overridden({"rub": {"friction_torque_n_m": 0.03}})
     assert values == {("rub@pin", "friction_torque_n_m"): 0.03}
     np.testing.assert_allclose(system(model.with_parameters(values)).dry_limit, [0.03, 2.0])
+
+
+@pytest.mark.parametrize("parameters", [{}, {"torque_n_m": 0.0, "force_n": 0.0}])
+def test_a_recorded_torque_drives_what_turns_whatever_its_effect_stands_on(parameters):
+    model = build(bead_on_bar([effect("motor", "effort_offset", "all", **parameters)]))
+    times = np.linspace(0.0, 1.0, 3)
+    record = on_steps(model, [(("motor", "torque_n_m"), times, times)], 0.5, 2)
+    assert record.addresses == (("motor@pin", "torque_n_m"),)
+    record.apply(system(model), record.values[-1])
+    with pytest.raises(ValueError, match=r"'brake\.torque_n_m' takes no recorded input; inputs here: motor@pin"):
+        on_steps(model, [(("brake", "torque_n_m"), times, times)], 0.5, 2)
+
+
+def test_an_override_stays_with_the_joints_of_its_effect():
+    """A drawn effect may be called like its kind, as what a fit adds elsewhere is."""
+    drawn = set_apart(fourbar([effect("viscous_friction", "viscous_friction", ["j1", "j2"])]))
+    model = build(drawn, free_parameters(drawn, ["viscous_friction:*"]).added)
+    values = model.overridden({"viscous_friction": {"damping_n_m_s_per_rad": 0.1}})
+    assert set(values) == {(f"viscous_friction@{j}", "damping_n_m_s_per_rad") for j in ("j1", "j2")}
 
 
 def test_two_effects_of_one_id_are_refused():

@@ -9,6 +9,7 @@ from backend.blind.camera import Camera, Sticker
 from backend.cli import app
 from backend.mechanism.tracks import read_table
 from backend.observe.measure import track_video
+from backend.observe.preview import Preview
 from backend.observe.tracking_error import TrackingError
 
 from .scenes import SMALL, SMALL_BED, card, drawing, errors_m, film, four, swaps
@@ -95,6 +96,12 @@ def test_a_run_that_is_broken_off_leaves_an_earlier_preview_whole(four_dots, tmp
         track_video(four_dots.path, four_dots.mechanism, four_dots.bed, out_dir=tmp_path, progress=stop)
     assert [path.name for path in tmp_path.iterdir()] == ["preview.mp4"]
     assert (tmp_path / "preview.mp4").read_bytes() == b"an earlier one"
+
+
+def test_what_goes_wrong_before_the_first_picture_is_told_itself(tmp_path):
+    with pytest.raises(TrackingError, match="the clip is dark"), Preview(tmp_path / "preview.mp4", 30.0, (64, 48)):
+        raise TrackingError("the clip is dark")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_camera_file_of_another_run_is_told_apart(four_dots, tmp_path):

@@ -75,3 +75,12 @@ def _tables(database: Database) -> dict:
         )
         for table in sorted(seen.get_table_names())
     }
+
+
+@pytest.mark.parametrize("url", ["postgresql+psycopg:///jobs?host=/run/pg", "postgresql+psycopg:///jobs"])
+def test_a_database_behind_a_socket_is_the_same_from_every_folder(url, tmp_path, monkeypatch):
+    database = Database(url)
+    here = database.digest
+    monkeypatch.chdir(tmp_path)
+    assert database.digest == here
+    assert Database("postgresql+psycopg:///others?host=/run/pg").digest != here
