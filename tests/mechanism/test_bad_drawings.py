@@ -169,6 +169,17 @@ FAULTS = {
         put("joints", 0, "limits", {"lower": 1, "upper": -1}),
         ['joint "j1": limits', "lower 1 is above upper -1", "swap"],
     ),
+    "coordinate of another world": (
+        put("joints", 0, "frame_a", "position_m", [0, 0, 1e160]),
+        ['joint "j1": frame_a.position_m', "1e+160", "1e+09", "write it in m"],
+    ),
+    "a joint driven twice": (
+        together(
+            add("effects", {"id": "p1", "kind": "prescribed_motion", "on": ["j1"], "parameters": {"q": 0}}),
+            add("effects", {"id": "p2", "kind": "prescribed_motion", "on": "all", "parameters": {"q": 1}}),
+        ),
+        ['joint "j1"', '2 effects prescribe its motion ("p1", "p2")', "keep one"],
+    ),
     "negative clearance": (
         put("joints", 0, "fit", "radial_clearance_m", -1e-5),
         ['joint "j1": fit', "-1e-05", "press fit"],
