@@ -24,6 +24,7 @@ from backend.mechanism.body import Body
 from backend.mechanism.effect import Effect, ParameterValue, kind_named, order_faults
 from backend.mechanism.found_contacts import contacts_declared
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.turns import begins_near
 from backend.model.camera import camera
 from backend.model.drawing import Drawing
 from backend.model.flexible import SECTION, split, whole
@@ -99,7 +100,7 @@ def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism) 
     inertial = [b.inertial if b else None for b in bodies]
     count = len(bodies)
     points = held_points(uncut)
-    joints = mechanism.joints
+    joints, near = mechanism.joints, begins_near(uncut)
     return Drawing(
         mass=jnp.array([i.mass_kg if i else 1.0 for i in inertial]),
         center_of_mass=jnp.array([i.center_of_mass_m if i else (0.0, 0.0, 0.0) for i in inertial]),
@@ -111,6 +112,7 @@ def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism) 
         axes_a=jnp.array([_rotation(j.frame_a.quaternion_wxyz) for j in joints]).reshape(-1, 3, 3),
         axes_b=jnp.array([_rotation(j.frame_b.quaternion_wxyz) for j in joints]).reshape(-1, 3, 3),
         pin_radius=jnp.array([_pin_radius(j) for j in joints]),
+        begins_near=jnp.array([near.get(j.id, 0.0) for j in joints], dtype=float),
         gravity=jnp.array(mechanism.gravity_m_per_s2, dtype=float),
     )
 

@@ -16,13 +16,13 @@ from backend.frames import quaternion
 from backend.joints.joint import TURN
 from backend.mechanism.mechanism import Mechanism
 from backend.model.build import build
-from backend.model.model import Address, Model
+from backend.model.model import Model
 from backend.model.state import Pose, Start, drawn_pose
 from backend.model.system import TOLERANCE, System, system
 from backend.simulate import invariants, kinematics, points
 from backend.simulate.assemble import closed, let_go, worst_gap
 from backend.simulate.equations import Motion
-from backend.simulate.record import Record, on_steps
+from backend.simulate.record import Record, Series, beginning, on_steps
 from backend.simulate.reduced import STRETCH, Kept, march_reduced
 from backend.simulate.redundancy import Redundancy, redundancy
 from backend.simulate.rollout import Seen, Trajectory, depart, march, trajectory
@@ -35,7 +35,6 @@ OPEN_JOINT = 1e-6  # mechanism lengths (and rad) that assembly may leave open: t
 MOST_ROWS = 2000  # held rows up to which redundancy is looked for by itself: 5 s of singular values
 
 Progress = Callable[[int, int], None]
-Series = tuple[Address, np.ndarray, np.ndarray]
 Solve = Literal["compliance", "reduced"]
 
 
@@ -115,7 +114,7 @@ def simulate(
             f"a duration of {duration_s:g} s in steps of {step_s:g} s is {duration_s / step_s:.3g} steps; "
             f"choose them so that 1 to {MOST_STEPS:g} steps follow"
         )
-    model = build(mechanism)
+    model = beginning(build(mechanism), inputs)
     plant = system(model, tolerance)
     steps = round(duration_s / step_s)
     check_drives(model, plant, inputs)
