@@ -72,6 +72,7 @@ def test_unsuitable_settings_are_refused_listing_the_known_ones(script, tmp_path
         ("x = 1\nraise SystemExit(3)\n", r"line 2: SystemExit: 3"),
         ("x = 1\n", r"defines no design\(\.\.\.\)"),
         ("def design():\n    return 3\n", r"returned int; return the Drawing"),
+        ("def design(*more, **others):\n    return 3\n", r"returned int; return the Drawing"),
         ("def design(cells: int):\n    return 3\n", r'setting "cells" has no default; give it: --set cells='),
         ("def design(cells: list = ()):\n    return 3\n", None),
         (
