@@ -1,6 +1,6 @@
 """From a drawing to a model: bodies to arrays, effects to batches."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -42,6 +42,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
 
     Raises ValueError naming joint types or effects that cannot be simulated yet, or what one of them lacks.
     """
+    near = begins_near(mechanism)  # of what is drawn: an effect that is tried must not move where a joint begins
     mechanism = contacts_declared(mechanism.model_copy(update={"effects": (*mechanism.effects, *effects)}))
     drawn = mechanism.effects
     twice = sorted({e.id for e in drawn if sum(e.id == other.id for other in drawn) > 1})
@@ -66,7 +67,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
         [_pair(e, fixed) for e in drawn if issubclass(effect_of_kind(e.kind), AbstractLinkContact)],
     )
     bodies = [mechanism.body(id_) if id_ else None for id_ in topology.body_ids + topology.fixed_ids]
-    drawing = _drawing(mechanism, bodies, uncut)
+    drawing = _drawing(mechanism, bodies, uncut, near)
     poses = np.array([_pose(b) for b in bodies])
     turning = [i for i in range(len(uncut.joints)) if topology.joint_types[i] in TURNING]
     axes_W = [_rotation(poses[topology.joints[i][0], 3:]) @ drawing.axes_a[i, :, 2] for i in turning]
@@ -96,11 +97,11 @@ def _check_bed(drawn: Sequence[Effect], axes_W: list[np.ndarray]) -> None:
         )
 
 
-def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism) -> Drawing:
+def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism, near: Mapping[str, float]) -> Drawing:
     inertial = [b.inertial if b else None for b in bodies]
     count = len(bodies)
     points = held_points(uncut)
-    joints, near = mechanism.joints, begins_near(uncut)
+    joints = mechanism.joints
     return Drawing(
         mass=jnp.array([i.mass_kg if i else 1.0 for i in inertial]),
         center_of_mass=jnp.array([i.center_of_mass_m if i else (0.0, 0.0, 0.0) for i in inertial]),

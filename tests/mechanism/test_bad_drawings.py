@@ -388,6 +388,7 @@ def test_all_faults_are_listed_not_only_the_first(drawings):
         ('{"gravity_m_per_s2": [0, 0, NaN]}', ["NaN", "finite"]),
         ('{"gravity_m_per_s2": [0, 0, -Infinity]}', ["-Infinity", "finite"]),
         ('{"schema_version": "1.0", "gravity_m_per_s2": [0, 0, 1e999]}', ["gravity_m_per_s2[2]", "is inf"]),
+        ('{"schema_version": "1.0", "name": "crank \\ud800"}', [r"'\ud800', half of a letter"]),
         ("[" * 200_000 + "]" * 200_000, ["nested too deeply"]),
         ('{"a": ' + "9" * 5000 + "}", ["fewer digits"]),
         ("[1, 2]", ["list", "object in braces"]),
@@ -401,6 +402,12 @@ def test_a_file_that_is_no_drawing_is_refused(tmp_path, text, terms):
         read_mechanism(path)
     for term in ["mechanism.json", *terms]:
         assert term in str(refusal.value)
+
+
+def test_a_name_may_hold_any_whole_letter(tmp_path, drawings):
+    path = tmp_path / "mechanism.json"
+    path.write_text(json.dumps({**drawings.pendulum(), "name": "crank \U0001f680"}))  # as two halves
+    assert read_mechanism(path).name == "crank \U0001f680"
 
 
 def test_a_file_that_cannot_be_opened_is_refused(tmp_path):

@@ -103,4 +103,6 @@ def test_a_wound_spring_stays_wound_and_is_told():
 def test_a_turn_is_kept_where_numbers_are_fitted():
     model = build(turned(DRAWN, [stop(170, 230)]))
     moved = model.with_parameters({("ends", "upper"): jnp.asarray(0.0)})
-    assert float(moved.drawing.begins_near[0]) == pytest.approx(DRAWN)
+    tried = build(turned(DRAWN, [stop(170, 230)]), [effect("more", "joint_stop", ["pin"], lower=-0.1, upper=0.1)])
+    for other in (moved, tried):
+        assert float(other.drawing.begins_near[0]) == pytest.approx(DRAWN)
