@@ -19,7 +19,7 @@ def begins_near(mechanism: Mechanism) -> dict[str, float]:
     nearest to 0, so 0 where nothing ends it.
     """
     ends = travels(mechanism)
-    paths = {joint: float(given["q"]) for joint, given in _at_joints(mechanism, "prescribed_motion")}
+    paths = {joint: float(given.get("q", 0.0)) for joint, given in _at_joints(mechanism, "prescribed_motion")}
     turning = [j.id for j in mechanism.joints if j.type not in WITHOUT_COORDINATE and j.type != "prismatic"]
     return {joint: paths.get(joint, _within(*ends[joint])) for joint in turning}
 
@@ -42,7 +42,7 @@ def travels(mechanism: Mechanism) -> dict[str, tuple[float, float]]:
 def _within(low: float, high: float) -> float:
     if low > high:
         return 0.0
-    return 0.5 * (low + high) if high - low < TURN else min(max(0.0, low), high)
+    return low + 0.5 * (high - low) if high - low < TURN else min(max(0.0, low), high)
 
 
 def _at_joints(mechanism: Mechanism, kind: str) -> list[tuple[str, dict[str, Any]]]:
