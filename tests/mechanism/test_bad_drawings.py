@@ -173,6 +173,14 @@ FAULTS = {
         put("joints", 0, "frame_a", "position_m", [0, 0, 1e160]),
         ['joint "j1": frame_a.position_m', "1e+160", "1e+09", "write it in m"],
     ),
+    "a push that points nowhere": (
+        effect("applied_force", ["link1"], force_n=1.0, direction=[0, 0, 0]),
+        ['effect "x"', "direction has length 0", "[0, 0, 1]"],
+    ),
+    "an axis too short to point": (
+        effect("applied_torque", ["link1"], torque_n_m=1.0, axis=[0, 1e-200, 0]),
+        ['effect "x"', "axis has length 1e-200"],
+    ),
     "a joint driven twice": (
         together(
             add("effects", {"id": "p1", "kind": "prescribed_motion", "on": ["j1"], "parameters": {"q": 0}}),
