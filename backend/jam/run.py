@@ -31,7 +31,7 @@ from backend.simulate.assemble import let_go
 from backend.simulate.assemble import start as closed_start
 from backend.simulate.record import Record, beginning, on_steps, series_of
 from backend.simulate.rollout import Trajectory
-from backend.simulate.run import Run, as_run, assembled, check_closed, check_drives
+from backend.simulate.run import Run, as_run, assembled, check_closed, check_drives, check_ends
 from backend.simulate.spectrum import real
 
 MOST_STEPS = 1e5
@@ -65,6 +65,7 @@ def jam(
     model = build(mechanism)
     plant = plant_of(model)
     check_drives(model, plant)
+    check_ends(model, plant)
     start = let_go(plant, assembled(model, plant))
     return _jam(mechanism, None, model, start, None, steps, step_s, progress)
 
