@@ -115,6 +115,14 @@ def test_the_command_fails_with_a_sentence(script, tmp_path, capsys):
         main([str(script()), "--set", "cells"])
 
 
+def test_the_command_says_where_it_could_not_write(script, tmp_path, capsys):
+    (tmp_path / "taken").write_text("")
+    assert main([str(script()), "--out", str(tmp_path / "taken" / "inside")]) == 1
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert str(tmp_path / "taken") in said
+    assert "choose another --out" in said
+
+
 def test_the_example_of_the_page_runs(script, tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "cad_export.md").read_text("utf-8")
     example = re.search(r"```python\n(.*?)```", page, re.DOTALL).group(1)
