@@ -24,6 +24,11 @@ VERSION = "1.0"
 HALF_LETTER = re.compile(r"\\u[dD][89a-fA-F]")  # letters beyond 65535 come in two halves
 LARGEST_BYTES = 64 * 2**20  # a thousand-cell scissor takes 3 MB
 
+OTHER_FILES = {  # by a field that no other kind of file has: what it is, and what to do where another was asked for
+    "experiments": ("a study", "give the mechanism.json that it names, or a command that takes studies"),
+    "bodies": ("a drawing", "give a study.json that names it as its mechanism, or a command that takes drawings"),
+}
+
 Document = TypeVar("Document", bound=Part)
 
 
@@ -100,6 +105,11 @@ def parse(model: type[Document], document: Any, source: str) -> Document:
     if not isinstance(document, Mapping):
         raise DrawingError(f"holds {type(document).__name__}, not an object in braces", source)
     _check_version(document.get("schema_version"), source)
+    told = {key for key in OTHER_FILES if isinstance(document.get(key), list)}
+    if told and not told & set(model.model_fields):
+        key = min(told)
+        what, remedy = OTHER_FILES[key]
+        raise DrawingError(f"holds {what} with {len(document[key])} {key}; {remedy}", source)
     try:
         return model.model_validate({**document, "schema_version": VERSION})
     except ValidationError as error:

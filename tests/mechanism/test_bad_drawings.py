@@ -8,7 +8,7 @@ import pytest
 from backend.mechanism.drawing_error import MOST_LISTED, DrawingError
 from backend.mechanism.effect import MOST_PLACES
 from backend.mechanism.mechanism import Mechanism
-from backend.mechanism.read import decode, parse_mechanism, read_mechanism
+from backend.mechanism.read import decode, parse_mechanism, read_mechanism, read_study
 
 
 def put(*path_and_value):
@@ -399,6 +399,8 @@ def test_all_faults_are_listed_not_only_the_first(drawings):
         ('{"schema_version": "1.0", "name": "crank \\ud800"}', [r"'\ud800', half of a letter"]),
         ("[" * 200_000 + "]" * 200_000, ["nested too deeply"]),
         ('{"a": ' + "9" * 5000 + "}", ["fewer digits"]),
+        ('{"schema_version": "1.0", "experiments": [1, 2]}', ["a study with 2 experiments", "that it names"]),
+        ('{"schema_version": "1.0", "experiments": 2}', ["bodies is missing"]),
         ("[1, 2]", ["list", "object in braces"]),
         ("3", ["int", "object in braces"]),
     ],
@@ -410,6 +412,13 @@ def test_a_file_that_is_no_drawing_is_refused(tmp_path, text, terms):
         read_mechanism(path)
     for term in ["mechanism.json", *terms]:
         assert term in str(refusal.value)
+
+
+def test_a_drawing_in_the_place_of_a_study_is_told(tmp_path, drawings):
+    path = tmp_path / "mechanism.json"
+    path.write_text(json.dumps(drawings.pendulum()))
+    with pytest.raises(DrawingError, match=r"holds a drawing with 2 bodies; give a study\.json that names it"):
+        read_study(path)
 
 
 def test_a_name_may_hold_any_whole_letter(tmp_path, drawings):
