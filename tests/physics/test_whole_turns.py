@@ -86,11 +86,20 @@ def test_a_path_on_record_from_200_degrees_is_followed_from_there():
     assert np.max(np.abs(run.q["pin"] - DRAWN - 2.0 * run.time_s)) < 0.02 + 1e-9  # a sample is held for 0.01 s
 
 
-def test_an_experiment_begins_between_the_ends():
-    drawn = turned(DRAWN, [stop(170, 230)])
-    encoder = pd.DataFrame({"time_s": np.arange(20) / 100, "joint": "pin", "q": DRAWN, "sigma": 1e-3})
-    own = Run.of(Experiment("e1", "fit", Release(time_s=0.1), joint_positions=encoder), build(drawn), (), 5e-3)
+PATH = effect("path", "prescribed_motion", ["pin"], q=0.0)
+
+
+@pytest.mark.parametrize("known", [stop(170, 230), PATH], ids=["ends", "a path on record"])
+def test_an_experiment_begins_where_its_ends_or_its_record_say(known):
+    times = np.arange(20) / 100
+    encoder = pd.DataFrame({"time_s": times, "joint": "pin", "q": DRAWN, "sigma": 1e-3})
+    record = pd.DataFrame({"time_s": times, "effect": "path", "parameter": "q", "value": DRAWN})
+    told = Experiment(
+        "e1", "fit", Release(time_s=0.1), joint_positions=encoder, inputs=record if known is PATH else None
+    )
+    own = Run.of(told, build(turned(DRAWN, [known])), (), 5e-3)
     assert not np.any(own.found.turns)
+    assert (own.setting.record is None) == (known is not PATH)
 
 
 def test_a_wound_spring_stays_wound_and_is_told():
