@@ -29,6 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except DrawingError as error:
         print(error, file=sys.stderr)
         return 1
+    except OSError as error:
+        print(f"{error.filename or given.out}: {error.strerror or error}; choose another --out", file=sys.stderr)
+        return 1
     mechanism = read_mechanism(path)
     counts = {part: len(getattr(mechanism, part)) for part in ("bodies", "joints", "effects", "markers")}
     warnings = mechanism.provenance.warnings if mechanism.provenance else ()

@@ -55,7 +55,7 @@ class Drawing:
         self.name = name or given
         self.parts = parts_of(assembly)
         self.lost: tuple[str, ...] = ()  # what a STEP file did not bring along
-        self._gravity = [float(g) for g in gravity_m_per_s2]
+        self._gravity = _three("gravity_m_per_s2", gravity_m_per_s2).tolist()
         self._grounded: set[str] = set()
         self._leader = {path: path for path in self.parts}  # of the rigid body that a part belongs to
         self._densities: dict[str, float] = {}
@@ -117,6 +117,8 @@ class Drawing:
         part_b; the two are then checked to meet, and a pin and hole face give the joint its fit.
         drawn_at_deg: q in the drawn pose; q grows right-handed about the axis of part_a.
         """
+        if not np.isfinite(drawn_at_deg):
+            raise DrawingError(f'joint "{id}": drawn_at_deg is {drawn_at_deg}; give a finite number')
         joint = self._between(id, False, part_a, part_b, axis, axis_b, float(np.radians(drawn_at_deg)))
         self._add_joint(id, "revolute", part_a, part_b, joint, limits_deg, np.pi / 180.0)
 
@@ -232,8 +234,9 @@ class Drawing:
             name: value if isinstance(value, str) else np.asarray(value, float).tolist()
             for name, value in parameters.items()
         }
-        number = sum(effect["kind"] == kind for effect in self._effects) + 1
-        self._add_effect(id or f"{kind}_{number}", kind, places, values)
+        taken = {effect["id"] for effect in self._effects}
+        free = (name for n in range(1, len(taken) + 2) if (name := f"{kind}_{n}") not in taken)
+        self._add_effect(id or next(free), kind, places, values)
 
     def mechanism(self) -> Mechanism:
         """The mechanism as declared so far, checked against the file format; meshes are named, not written."""
@@ -297,8 +300,8 @@ class Drawing:
             "frame_b": (self._in_body(b) @ joint.X_BG).json(),
         }
         if limits is not None:
-            if len(limits) != 2:
-                raise DrawingError(f'joint "{id}": {len(limits)} limits; write (lower, upper), None for an open side')
+            if (count := np.array(limits, dtype=object).size) != 2:
+                raise DrawingError(f'joint "{id}": {count} limits; write (lower, upper), None for an open side')
             sides = zip(("lower", "upper"), limits, strict=True)
             entry["limits"] = {side: float(value) * unit for side, value in sides if value is not None}
         if joint.fit:
@@ -379,8 +382,16 @@ class Drawing:
 
 
 def _point(id: str, point_mm: Sequence[float]) -> np.ndarray:
-    """Three finite numbers [mm]; DrawingError naming the marker or spring otherwise."""
-    point = np.array(point_mm, float)
-    if point.shape != (3,) or not np.all(np.isfinite(point)):
-        raise DrawingError(f'"{id}": point {point_mm} mm; give three finite numbers (x, y, z)')
-    return point
+    """A place [mm]; DrawingError naming the marker or spring where it is none."""
+    return _three(f'"{id}": point', point_mm, " mm")
+
+
+def _three(what: str, given: Any, unit: str = "") -> np.ndarray:
+    """Three finite numbers; DrawingError saying what they should have been otherwise."""
+    try:
+        numbers = np.array(given, float)
+    except (TypeError, ValueError):
+        numbers = np.full(1, np.nan)
+    if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
+        raise DrawingError(f"{what} {given}{unit}; give three finite numbers (x, y, z)")
+    return numbers

@@ -93,7 +93,9 @@ def _place(path: Path, error: BaseException) -> str:
 
 def _arguments(design: Callable[..., Any], settings: Mapping[str, Any], source: str) -> dict[str, Any]:
     with _blaming(Path(source)):
-        declared = inspect.signature(design, eval_str=True).parameters
+        parameters = inspect.signature(design, eval_str=True).parameters
+    gathering = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    declared = {name: each for name, each in parameters.items() if each.kind not in gathering}
     problems = [
         f'setting "{name}" is unknown to design. {known(declared)}' for name in settings if name not in declared
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,8 +20,10 @@ from OCP.TDocStd import TDocStd_Document  # pyright: ignore[reportAttributeAcces
 from OCP.XCAFDoc import XCAFDoc_DocumentTool  # pyright: ignore[reportAttributeAccessIssue]
 
 from backend.mechanism.drawing_error import DrawingError
+from cad_export.assembly import GENERATED_NAME
 
-NO_NAME = re.compile(r"|\d+|NAUO\d+|=>\[.*\]|Open CASCADE STEP translator.*")  # what translators write for want of one
+# What translators, and CadQuery, write for want of one.
+NO_NAME = re.compile(rf"|\d+|NAUO\d+|=>\[.*\]|Open CASCADE STEP translator.*|{GENERATED_NAME.pattern}")
 ALWAYS_LOST = (
     "joints, limits, springs and markers: STEP holds none; joints are proposed from the cylinders",
     "densities: none is read; give each part its own",
@@ -114,7 +117,8 @@ def _numbered(leaves: Iterator[Leaf], lost: list[str]) -> Iterator[Leaf]:
         yield free, location, shape
     for names, given in alike.items():
         if not names[-1]:
-            lost.append(f"names of {len(given)} parts, which have none; here {', '.join(given)}")
+            whose = "the name of a part, which has" if len(given) == 1 else f"names of {len(given)} parts, which have"
+            lost.append(f"{whose} none; here {', '.join(given)}")
         elif len(given) > 1:
             lost.append(f'names of {len(given)} parts, all "{"/".join(names)}" in the file; here {", ".join(given)}')
 
@@ -125,4 +129,11 @@ def _solids(part: cq.Assembly) -> list[cq.Shape]:
 
 def _name(label: TDF_Label) -> str:
     name = TDataStd_Name()
-    return name.Get().ToExtString().strip() if label.FindAttribute(TDataStd_Name.GetID_s(), name) else ""
+    return _readable(name.Get().ToExtString()) if label.FindAttribute(TDataStd_Name.GetID_s(), name) else ""
+
+
+def _readable(name: str) -> str:
+    """A name as it was meant: CadQuery writes the bytes of UTF-8 as letters of their own, and some hold line breaks."""
+    with contextlib.suppress(UnicodeError):
+        name = name.encode("latin-1").decode("utf-8")
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in name).split())

@@ -31,6 +31,10 @@ def export(
 ) -> None:
     """Run a CadQuery script and write its mechanism.json and meshes; of a STEP file, a script and a picture."""
     chosen = _settings(settings or [])
+    if proposing and upload is not None:
+        raise typer.BadParameter(
+            "what is proposed is no mechanism yet; give --upload without it", param_hint="--propose"
+        )
     if script.suffix.lower() in (".step", ".stp"):
         _begin(script, out or Path("out") / script.stem, bool(chosen) or upload is not None, as_json)
         return

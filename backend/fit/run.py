@@ -21,7 +21,7 @@ from backend.fit.solve import LeastSquares, solve
 from backend.mechanism.study import Experiment
 from backend.model.model import Address, Model
 from backend.model.system import system
-from backend.simulate.record import on_steps
+from backend.simulate.record import beginning, on_steps, series_of
 
 SPARED, ROOM = 32, 8  # slopes that repay another program; that it has room for, or a multiple of it
 CLOCK_ROOM = 1.3  # longer rollouts where the clock itself may be wrong
@@ -55,6 +55,7 @@ class Run:
                 "Drop the override, or do not free it."
             )
         model = model.with_parameters({a: jnp.asarray(v) for a, v in values.items()}) if values else model
+        model = beginning(model, series_of(experiment))
         data = measured(experiment, model)
         try:
             found = find_start(model, data, experiment.release)
@@ -124,11 +125,7 @@ class Run:
         column, time = np.zeros(samples, int), np.zeros(samples)
         column[: since.size], time[: since.size] = asked, since
         record = None
-        if (table := self.experiment.inputs) is not None:
-            series = [
-                ((str(effect), str(name)), rows["time_s"].to_numpy(float), rows["value"].to_numpy(float))
-                for (effect, name), rows in table.groupby(["effect", "parameter"], sort=False)  # type: ignore[misc]
-            ]
+        if series := series_of(self.experiment):
             # A node's velocity needs the step that follows it: `on_steps` gives one more than asked.
             record = on_steps(self.model, series, self.step_s, steps, self.data.release_s)
         return Setting(

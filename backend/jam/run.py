@@ -29,9 +29,9 @@ from backend.model.state import Start
 from backend.model.system import System
 from backend.simulate.assemble import let_go
 from backend.simulate.assemble import start as closed_start
-from backend.simulate.record import Record, on_steps
+from backend.simulate.record import Record, beginning, on_steps, series_of
 from backend.simulate.rollout import Trajectory
-from backend.simulate.run import Run, as_run, assembled, check_closed, check_drives
+from backend.simulate.run import Run, as_run, assembled, check_closed, check_drives, check_ends
 from backend.simulate.spectrum import real
 
 MOST_STEPS = 1e5
@@ -65,6 +65,7 @@ def jam(
     model = build(mechanism)
     plant = plant_of(model)
     check_drives(model, plant)
+    check_ends(model, plant)
     start = let_go(plant, assembled(model, plant))
     return _jam(mechanism, None, model, start, None, steps, step_s, progress)
 
@@ -79,6 +80,7 @@ def jam_study(
     model, found = build(study.mechanism), {}
     for experiment in study.experiments:
         own = model.with_parameters(model.overridden(experiment.overrides))
+        own = beginning(own, series_of(experiment))
         data = measured(experiment, own)
         steps = steps_of(duration_s or float(data.time_s.max() - data.release_s), step_s)
         plant = plant_of(own)
@@ -95,13 +97,8 @@ def jam_study(
 
 
 def _record(experiment: Experiment, model: Model, step_s: float, steps: int, start_s: float) -> Record | None:
-    if (table := experiment.inputs) is None:
-        return None
-    series = [
-        ((str(effect), str(name)), rows["time_s"].to_numpy(float), rows["value"].to_numpy(float))
-        for (effect, name), rows in table.groupby(["effect", "parameter"], sort=False)  # type: ignore[misc]
-    ]
-    return on_steps(model, series, step_s, steps, start_s)
+    series = series_of(experiment)
+    return on_steps(model, series, step_s, steps, start_s) if series else None
 
 
 def _jam(

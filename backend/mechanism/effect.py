@@ -13,6 +13,7 @@ from backend.mechanism.kinds import EffectKind, ParameterSpec, effect_kinds
 from backend.mechanism.part import Id, Part
 
 MOST_PLACES = 20_000
+SHORTEST = 1e-100  # of a direction: the squares of shorter ones underflow
 
 
 def shortened(value: Any) -> str:
@@ -89,6 +90,8 @@ def value_fault(spec: ParameterSpec, value: float | tuple[float, ...] | str) -> 
             return f"{spec.name} is {number:g} {spec.unit}, below its lower bound {spec.lower:g}; raise it"
         if spec.upper is not None and number > spec.upper:
             return f"{spec.name} is {number:g} {spec.unit}, above its upper bound {spec.upper:g}; lower it"
+    if spec.is_direction and not SHORTEST <= (length := math.hypot(*numbers)) <= 1.0 / SHORTEST:
+        return f"{spec.name} has length {length:g} and points nowhere; give a vector such as [0, 0, 1]"
     return None
 
 

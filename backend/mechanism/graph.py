@@ -20,6 +20,7 @@ from backend.mechanism.closure import (
 )
 from backend.mechanism.constraints import JointGap, Placement, body_index, drawn, size_m
 from backend.mechanism.drawing_error import DrawingError
+from backend.mechanism.findings import part_findings
 from backend.mechanism.found_contacts import FoundContacts, found_contacts
 from backend.mechanism.joint import WITHOUT_COORDINATE, Joint
 from backend.mechanism.loops import Connectivity, connectivity
@@ -32,6 +33,7 @@ from backend.mechanism.mobility import (
     redundant_by_joint,
 )
 from backend.mechanism.part import Part
+from backend.mechanism.turns import begins_near, nearest
 
 
 class LoopReport(Part):
@@ -104,13 +106,14 @@ def describe(mechanism: Mechanism) -> GraphReport:
     joints = _tree_first(mechanism, graph)
     at_drawing = drawn(mechanism)
     opened = gaps(mechanism, at_drawing)
+    q = _begins(mechanism, opened)
     assembly = assemble(mechanism, joints, length)
     moved = assembly.closed and not _all_closed(opened)
     placement = assembly.placement if assembly.closed else at_drawing
     normal = plane_normal(joints, _axes(mechanism, joints, placement))
     rank = rank_at(mechanism, joints, placement, length)
     errors, warnings = _closure_findings(mechanism, graph, opened, assembly, normal, length)
-    warnings += _graph_findings(mechanism, graph) + _part_findings(mechanism, opened)
+    warnings += _graph_findings(mechanism, graph) + part_findings(mechanism, q, length)
     contacts: tuple[FoundContacts, ...] = ()
     try:
         contacts = found_contacts(mechanism)
@@ -140,7 +143,7 @@ def describe(mechanism: Mechanism) -> GraphReport:
             threshold=rank.threshold,
             spectrum_gap=rank.gap if np.isfinite(rank.gap) else None,
         ),
-        closure=tuple(_closure(joint, opened[joint.id]) for joint in mechanism.joints),
+        closure=tuple(_closure(joint, opened[joint.id], q.get(joint.id)) for joint in mechanism.joints),
         closes=assembly.closed,
         floating=graph.floating,
         contacts=contacts,
@@ -162,12 +165,19 @@ def _axes(mechanism: Mechanism, joints: list[Joint], placement: Placement) -> np
     return np.array(axes).reshape(-1, 3)
 
 
-def _closure(joint: Joint, found: JointGap) -> Closure:
+def _begins(mechanism: Mechanism, opened: dict[str, JointGap]) -> dict[str, float]:
+    """Joint -> q as drawn, in the whole turn that it begins in; without those that have none."""
+    near = begins_near(mechanism)
+    able = [joint.id for joint in mechanism.joints if joint.type not in WITHOUT_COORDINATE]
+    return {id: nearest(opened[id].q, near[id]) if id in near else opened[id].q for id in able}
+
+
+def _closure(joint: Joint, found: JointGap, q: float | None) -> Closure:
     return Closure(
         joint=joint.id,
         gap_mm=1e3 * float(np.linalg.norm(found.gap)),
         turn_deg=float(np.degrees(np.linalg.norm(found.turn))),
-        q=None if joint.type in WITHOUT_COORDINATE else found.q,
+        q=q,
     )
 
 
@@ -227,25 +237,3 @@ def _contact_findings(found: FoundContacts) -> list[str]:
     if not found.pairs:
         return [f'effect "{found.effect}": no two links can meet; name the pairs that do']
     return []
-
-
-def _part_findings(mechanism: Mechanism, opened: dict[str, JointGap]) -> list[str]:
-    found = []
-    for joint in mechanism.joints:
-        if (limits := joint.limits) is not None and joint.type not in WITHOUT_COORDINATE:
-            q, unit = opened[joint.id].q, "m" if joint.type == "prismatic" else "rad"
-            low = -np.inf if limits.lower is None else limits.lower
-            high = np.inf if limits.upper is None else limits.upper
-            if not low - 1e-9 <= q <= high + 1e-9:
-                found.append(
-                    f'joint "{joint.id}" is drawn at {q:.4g} {unit}, outside its limits {low:g} to {high:g}; '
-                    "correct the limits or the pose"
-                )
-        if (fit := joint.fit) is not None and fit.pin_diameter_m and fit.hole_diameter_m and fit.radial_clearance_m:
-            half = 0.5 * (fit.hole_diameter_m - fit.pin_diameter_m)
-            if abs(half - fit.radial_clearance_m) > 1e-3 * fit.radial_clearance_m + 1e-9:
-                found.append(
-                    f'joint "{joint.id}": radial_clearance_m is {1e3 * fit.radial_clearance_m:.4g} mm, but '
-                    f"hole and pin leave {1e3 * half:.4g} mm; the former is used: correct one of them"
-                )
-    return found

@@ -37,6 +37,11 @@ class ParameterSpec:
     at_least: str | None = None
     expected: float | None = None
 
+    @property
+    def is_direction(self) -> bool:
+        """Whether only where it points to counts, so that it must point somewhere."""
+        return self.size == 3 and self.unit == "1" and self.default is None
+
     def suits(self, joint_type: str) -> bool:
         """Whether this parameter means something at a joint of that type."""
         if self.joint_types is None:

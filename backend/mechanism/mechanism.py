@@ -115,6 +115,19 @@ def _problems(mechanism: Mechanism) -> Iterator[str]:
     for effect in mechanism.effects:
         for fault in effect_faults(drawn, effect):
             yield f'effect "{effect.id}": {fault}'
+    yield from _twice_told(mechanism)
+
+
+def _twice_told(mechanism: Mechanism) -> Iterator[str]:
+    """Joints whose motion several effects prescribe."""
+    told: dict[str, list[str]] = {}
+    for effect in mechanism.effects:
+        if effect.kind == "prescribed_motion":
+            for id in [joint.id for joint in mechanism.joints] if effect.on == "all" else effect.on:
+                told.setdefault(id, []).append(f'"{effect.id}"')
+    for id, effects in told.items():
+        if len(effects) > 1:
+            yield f'joint "{id}": {len(effects)} effects prescribe its motion ({", ".join(effects)}); keep one of them'
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+FARTHEST = 1e9  # m: a number of sixteen digits tells 0.1 µm there
+
 
 class Part(BaseModel):
     """Base of everything that crosses the file boundary.
@@ -38,4 +40,14 @@ def _named(value: str) -> str:
 
 # JSON has arrays only, so a list may stand for a tuple; the numbers inside stay strict.
 Id = Annotated[str, AfterValidator(_named)]
-Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
+
+
+def _within_reach(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if (farthest := max(map(abs, vector))) > FARTHEST:
+        raise ValueError(
+            f"holds {farthest:g}, and beyond {FARTHEST:g} numbers no longer tell a micrometre; write it in m and s"
+        )
+    return vector
+
+
+Vector3 = Annotated[tuple[float, float, float], Field(strict=False), AfterValidator(_within_reach)]

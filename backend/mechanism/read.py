@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +21,13 @@ from backend.mechanism.study import Experiment, ExperimentFile, Study, StudyFile
 from backend.mechanism.tracks import PLACES, SHOWN, TABLES, read_table
 
 VERSION = "1.0"
+HALF_LETTER = re.compile(r"\\u[dD][89a-fA-F]")  # letters beyond 65535 come in two halves
 LARGEST_BYTES = 64 * 2**20  # a thousand-cell scissor takes 3 MB
+
+OTHER_FILES = {  # by a field that no other kind of file has: what it is, and what to do where another was asked for
+    "experiments": ("a study", "give the mechanism.json that it names, or a command that takes studies"),
+    "bodies": ("a drawing", "give a study.json that names it as its mechanism, or a command that takes drawings"),
+}
 
 Document = TypeVar("Document", bound=Part)
 
@@ -98,6 +105,11 @@ def parse(model: type[Document], document: Any, source: str) -> Document:
     if not isinstance(document, Mapping):
         raise DrawingError(f"holds {type(document).__name__}, not an object in braces", source)
     _check_version(document.get("schema_version"), source)
+    told = {key for key in OTHER_FILES if isinstance(document.get(key), list)}
+    if told and not told & set(model.model_fields):
+        key = min(told)
+        what, remedy = OTHER_FILES[key]
+        raise DrawingError(f"holds {what} with {len(document[key])} {key}; {remedy}", source)
     try:
         return model.model_validate({**document, "schema_version": VERSION})
     except ValidationError as error:
@@ -215,10 +227,18 @@ def decode(text: str, source: str) -> Any:
         raise DrawingError(f"holds the number {literal}; every number must be finite", source)
 
     try:
-        return json.loads(text, object_pairs_hook=once, parse_constant=finite)
+        document = json.loads(text, object_pairs_hook=once, parse_constant=finite)
+        if HALF_LETTER.search(text):
+            json.dumps(document, ensure_ascii=False).encode()
+        return document
     except json.JSONDecodeError as error:
         raise DrawingError(
             f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}; correct it there", source
+        ) from None
+    except UnicodeEncodeError as error:
+        half = error.object[error.start]
+        raise DrawingError(
+            f"holds {half!r}, half of a letter, which no text can; write the name anew", source
         ) from None
     except RecursionError:
         raise DrawingError("is nested too deeply; a drawing needs fewer than ten levels", source) from None

@@ -1,6 +1,6 @@
 """From a drawing to a model: bodies to arrays, effects to batches."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ from backend.mechanism.body import Body
 from backend.mechanism.effect import Effect, ParameterValue, kind_named, order_faults
 from backend.mechanism.found_contacts import contacts_declared
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.turns import begins_near
 from backend.model.camera import camera
 from backend.model.drawing import Drawing
 from backend.model.flexible import SECTION, split, whole
@@ -41,6 +42,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
 
     Raises ValueError naming joint types or effects that cannot be simulated yet, or what one of them lacks.
     """
+    near = begins_near(mechanism)  # of what is drawn: an effect that is tried must not move where a joint begins
     mechanism = contacts_declared(mechanism.model_copy(update={"effects": (*mechanism.effects, *effects)}))
     drawn = mechanism.effects
     twice = sorted({e.id for e in drawn if sum(e.id == other.id for other in drawn) > 1})
@@ -65,7 +67,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
         [_pair(e, fixed) for e in drawn if issubclass(effect_of_kind(e.kind), AbstractLinkContact)],
     )
     bodies = [mechanism.body(id_) if id_ else None for id_ in topology.body_ids + topology.fixed_ids]
-    drawing = _drawing(mechanism, bodies, uncut)
+    drawing = _drawing(mechanism, bodies, uncut, near)
     poses = np.array([_pose(b) for b in bodies])
     turning = [i for i in range(len(uncut.joints)) if topology.joint_types[i] in TURNING]
     axes_W = [_rotation(poses[topology.joints[i][0], 3:]) @ drawing.axes_a[i, :, 2] for i in turning]
@@ -95,7 +97,7 @@ def _check_bed(drawn: Sequence[Effect], axes_W: list[np.ndarray]) -> None:
         )
 
 
-def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism) -> Drawing:
+def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism, near: Mapping[str, float]) -> Drawing:
     inertial = [b.inertial if b else None for b in bodies]
     count = len(bodies)
     points = held_points(uncut)
@@ -111,6 +113,7 @@ def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism) 
         axes_a=jnp.array([_rotation(j.frame_a.quaternion_wxyz) for j in joints]).reshape(-1, 3, 3),
         axes_b=jnp.array([_rotation(j.frame_b.quaternion_wxyz) for j in joints]).reshape(-1, 3, 3),
         pin_radius=jnp.array([_pin_radius(j) for j in joints]),
+        begins_near=jnp.array([near.get(j.id, 0.0) for j in joints], dtype=float),
         gravity=jnp.array(mechanism.gravity_m_per_s2, dtype=float),
     )
 

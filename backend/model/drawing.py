@@ -23,6 +23,8 @@ class Drawing(eqx.Module):
     axes_a: Float[Array, "joints 3 3"]
     axes_b: Float[Array, "joints 3 3"]
     pin_radius: Float[Array, "joints"]
+    begins_near: Float[Array, "joints"]
+    """Angle that a turning joint's q begins within half a turn of [rad]."""
     gravity: Float[Array, "3"]
 
     def with_body(self, body: int, **rows: Any) -> "Drawing":

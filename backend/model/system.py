@@ -4,11 +4,13 @@ Computed once before a motion starts; everything that stays the same from step t
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from backend.effects.shapes import (
@@ -79,6 +81,8 @@ class System(eqx.Module):
     point_b: Float[Array, "joints 3"]
     axes_a: Float[Array, "joints 3 3"]
     axes_b: Float[Array, "joints 3 3"]
+    begins_near: Float[Array, "joints"]
+    """Angle that a turning joint's q begins within half a turn of [rad]."""
     compliance: Float[Array, "joints 6"]
     damping: Float[Array, "joints"]
     dry_limit: Float[Array, "joints"]
@@ -194,6 +198,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         point_b=jnp.zeros((joints, 3)),
         axes_a=drawing.axes_a,
         axes_b=drawing.axes_b,
+        begins_near=_begins_near(drawing, motions),
         compliance=jnp.zeros((joints, 6)),
         damping=_total(joints, [*model.of(AbstractJointDamping), *sections], lambda e: e.damping()),
         dry_limit=limits[0],
@@ -245,6 +250,14 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
             *(_from_center(made, met[:, side], c) for side, c in enumerate((made.touches.first, made.touches.second))),
         ),
     )
+
+
+def _begins_near(drawing: Drawing, motions: Sequence[Placed]) -> Array:
+    """As drawn; where a joint's path is prescribed, as that now begins."""
+    near = drawing.begins_near
+    for placed in motions:
+        near = near.at[placed.at()].set(jax.vmap(lambda e: e.target())(placed.here))
+    return lax.stop_gradient(near)
 
 
 def _from_center(made: System, body: np.ndarray, capsule: Capsule) -> Capsule:

@@ -197,8 +197,8 @@ def ease(system: System, rows: Float[Array, "n k 12"], pairs: np.ndarray) -> Flo
 
 
 def coordinates(system: System, placed: Bodies) -> Float[Array, "joints"]:
-    """q of every joint: turn in (-π, π] or travel; 0 where a joint has none."""
-    return _coordinates(_joints(system), placed, _drawn(system))
+    """q of every joint as a motion begins: turn, in its whole turn, or travel; 0 where a joint has none."""
+    return coordinates_near(system, placed, system.begins_near)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -235,7 +235,7 @@ def _turns_and_travels(joints: Joints, placed: Bodies, drawn: Drawn) -> Float[Ar
 
 def coordinates_near(system: System, placed: Bodies, near: Float[Array, "joints"]) -> Float[Array, "joints"]:
     """q of every joint, with the whole turns that bring it nearest to another q."""
-    return unwrap(system, coordinates(system, placed), near)
+    return unwrap(system, _coordinates(_joints(system), placed, _drawn(system)), near)
 
 
 def unwrap(system: System, q: Float[Array, "joints"], near: Float[Array, "joints"]) -> Float[Array, "joints"]:

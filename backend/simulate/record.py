@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from backend.mechanism.study import Experiment
 from backend.model.model import Address, Model
 from backend.model.placed import Placed
 from backend.model.system import System
@@ -38,9 +39,30 @@ class Record(eqx.Module):
         return Record(here + share * (next_ - here), self.addresses)
 
 
+Series = tuple[Address, Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]
+"""A recorded drive: what it drives, times [s], values."""
+
+
+def series_of(experiment: Experiment) -> list[Series]:
+    """The recorded drives of an experiment."""
+    if experiment.inputs is None:
+        return []
+    return [
+        ((str(effect), str(name)), rows["time_s"].to_numpy(float), rows["value"].to_numpy(float))
+        for (effect, name), rows in experiment.inputs.groupby(["effect", "parameter"], sort=False)  # type: ignore[misc]
+    ]
+
+
+def beginning(model: Model, series: Sequence[Series]) -> Model:
+    """The model with prescribed paths where their records begin, which says in which whole turn their joints do."""
+    rows = model.parameters if series else {}
+    ends = [(address, values[0]) for address, _, values in series if address in rows and len(values)]
+    return model.with_parameters({a: value for a, value in ends if rows[a].declaration.drive == "end"})
+
+
 def on_steps(
     model: Model,
-    series: Sequence[tuple[Address, Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]],
+    series: Sequence[Series],
     step_s: float,
     steps: int,
     start_s: float = 0.0,

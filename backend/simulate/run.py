@@ -11,31 +11,31 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from backend.effects.shapes import AbstractJointMotion
+from backend.effects.shapes import AbstractJointMotion, AbstractJointStop
 from backend.frames import quaternion
 from backend.joints.joint import TURN
 from backend.mechanism.mechanism import Mechanism
 from backend.model.build import build
-from backend.model.model import Address, Model
+from backend.model.model import Model
 from backend.model.state import Pose, Start, drawn_pose
 from backend.model.system import TOLERANCE, System, system
 from backend.simulate import invariants, kinematics, points
 from backend.simulate.assemble import closed, let_go, worst_gap
 from backend.simulate.equations import Motion
-from backend.simulate.record import Record, on_steps
+from backend.simulate.record import Record, Series, beginning, on_steps
 from backend.simulate.reduced import STRETCH, Kept, march_reduced
 from backend.simulate.redundancy import Redundancy, redundancy
 from backend.simulate.rollout import Seen, Trajectory, depart, march, trajectory
 
 CHUNK = 250  # steps between two reports of progress
 MOST_STEPS = 2e6  # ten minutes for a pendulum, 2 GB for a four-bar
-SNAP = 1e-3  # rad, or mechanism lengths, that a prescribed path may begin away from the drawn pose
+SNAP = 1e-3  # rad, or mechanism lengths, that a prescribed path or an end may stand off the drawn pose
+RIGID = 1e-12  # rad/(N m) or m/N: an end that gives way by less
 OPEN_JOINT = 1e-6  # mechanism lengths (and rad) that assembly may leave open: ten times what STEP files round to
 
 MOST_ROWS = 2000  # held rows up to which redundancy is looked for by itself: 5 s of singular values
 
 Progress = Callable[[int, int], None]
-Series = tuple[Address, np.ndarray, np.ndarray]
 Solve = Literal["compliance", "reduced"]
 
 
@@ -102,8 +102,8 @@ def simulate(
     inputs: recorded drives as ((effect id, parameter), times [s], values).  progress(done, total) counts steps.
     solve: `compliance` lets every held row give way, `reduced` lets redundant rows go (docs/redundancy.md).  threshold:
     relative singular value of a redundant row; by default the spectrum's gap decides.  tolerance: as for `system`.
-    Raises ValueError for a duration or step that is not positive, where loops cannot be closed, and for a prescribed
-    path that begins elsewhere than the drawing.
+    Raises ValueError for a duration or step that is not positive, where loops cannot be closed, and where the drawing
+    stands elsewhere than a prescribed path begins, or beyond an end of travel.
     """
     if solve not in get_args(Solve):
         raise ValueError(f"solve is '{solve}'; choose one of {', '.join(get_args(Solve))}")
@@ -115,10 +115,11 @@ def simulate(
             f"a duration of {duration_s:g} s in steps of {step_s:g} s is {duration_s / step_s:.3g} steps; "
             f"choose them so that 1 to {MOST_STEPS:g} steps follow"
         )
-    model = build(mechanism)
+    model = beginning(build(mechanism), inputs)
     plant = system(model, tolerance)
     steps = round(duration_s / step_s)
     check_drives(model, plant, inputs)
+    check_ends(model, plant)
     start = let_go(plant, assembled(model, plant))
     record = on_steps(model, inputs, step_s, steps + CHUNK, float(plant.held_s)) if inputs else None
     found = None
@@ -137,19 +138,49 @@ def check_drives(model: Model, plant: System, inputs: Sequence[Series] = ()) -> 
 
     Raises ValueError naming the effect, its joint and both places.
     """
-    drawn = np.asarray(kinematics.coordinates(plant, kinematics.bodies(plant, drawn_pose(model, plant))))
+    drawn = _drawn_at(model, plant)
     first = {address: float(values[0]) for address, _, values in inputs}
     for placed in model.of(AbstractJointMotion):
         targets = np.asarray(jax.vmap(lambda e: e.target())(placed.here))
         for row, joint, target in zip(placed.rows, placed.at(), targets, strict=True):
             begins = first.get((placed.ids[row], "q"), float(target))
-            unit, size = ("rad", 1.0) if plant.coordinate[joint] == TURN else ("m", float(plant.scale.length_m))
+            unit, size = _unit(plant, joint)
             if abs(begins - drawn[joint]) > SNAP * size:
                 raise ValueError(
                     f"effect '{placed.ids[row]}': the path of joint '{model.topology.joint_ids[joint]}' begins at "
                     f"{begins:.6g} {unit}, the drawing stands at {drawn[joint]:.6g} {unit}; let the path begin where "
                     "the joint is drawn, or draw the joint where the path begins"
                 )
+
+
+def check_ends(model: Model, plant: System) -> None:
+    """Refuse a rigid end of travel that the drawing stands beyond: it would hold the joint where it never came.
+
+    Raises ValueError naming the effect, its joint and both places.
+    """
+    drawn = _drawn_at(model, plant)
+    for placed in model.of(AbstractJointStop):
+        low, high = (np.asarray(end) for end in jax.vmap(lambda e: e.ends())(placed.here))
+        give = np.asarray(jax.vmap(lambda e: e.wall().give)(placed.here))
+        for n, joint in enumerate(placed.at()):
+            unit, size = _unit(plant, joint)
+            beyond = max(low[n] - drawn[joint], drawn[joint] - high[n])
+            if give[n] < RIGID and beyond > SNAP * size:
+                end = low[n] if drawn[joint] < low[n] else high[n]
+                raise ValueError(
+                    f"effect '{placed.ids[placed.rows[n]]}': joint '{model.topology.joint_ids[joint]}' is drawn at "
+                    f"{drawn[joint]:.6g} {unit}, beyond its end of travel at {end:.6g} {unit}; correct "
+                    "the end or the pose"
+                )
+
+
+def _drawn_at(model: Model, plant: System) -> Float[np.ndarray, "joints"]:
+    return np.asarray(kinematics.coordinates(plant, kinematics.bodies(plant, drawn_pose(model, plant))))
+
+
+def _unit(plant: System, joint: int) -> tuple[str, float]:
+    """Of a joint's coordinate, and its natural size."""
+    return ("rad", 1.0) if plant.coordinate[joint] == TURN else ("m", float(plant.scale.length_m))
 
 
 def assembled(model: Model, plant: System) -> Pose:

@@ -98,6 +98,13 @@ def test_nothing_grounded_is_refused():
     [
         (lambda d: d.marker("m", "long", (1, 2)), r'"m": point \(1, 2\) mm; give three finite numbers'),
         (lambda d: d.marker("m", "long", (1, 2, np.inf)), "three finite numbers"),
+        (lambda d: d.marker("m", "long", "end"), r'"m": point end mm; give three finite numbers'),
+        (lambda d: d.revolute("j", "frame", "long", ((0, 0, 0), (1, 0, 0)), limits_deg=90), "1 limits; write"),
+        (
+            lambda d: d.revolute("j", "frame", "long", ((0, 0, 0), (1, 0, 0)), drawn_at_deg=np.nan),
+            "drawn_at_deg is nan",
+        ),
+        (lambda d: Drawing(cq.Assembly(ARM, name="a"), gravity_m_per_s2=9.8), r"gravity_m_per_s2 9.8; give three"),
         (lambda d: d.rigid("long"), r"rigid\(long\) names 1 parts; name two or more"),
         (lambda d: d.prismatic("j", "frame", "long", ((0, 0, 0), (1, 0, 0)), limits_mm=(1, 2, 3)), "3 limits; write"),
         (lambda d: Drawing(ARM), "on a cq.Assembly, not on a Workplane"),
@@ -135,6 +142,15 @@ def test_effects_take_the_names_of_parts_and_joints():
     assert mechanism.effect("coulomb_friction_1").on == "all"
     assert mechanism.joint("j").limits.lower == pytest.approx(-np.pi / 2)
     assert mechanism.joint("j").limits.upper is None
+
+
+def test_an_effect_without_a_name_gets_one_that_nothing_else_has():
+    drawing = two_part_arm()
+    drawing.revolute("j", "frame", "long", ((0, 0, 0), (1, 0, 0)))
+    for id in ("viscous_friction_2", None, None):
+        drawing.effect("viscous_friction", "j", id=id)
+    names = [effect.id for effect in drawing.mechanism().effects]
+    assert names == ["viscous_friction_2", "viscous_friction_1", "viscous_friction_3"]
 
 
 def test_unknown_effects_and_parameters_list_the_known_ones():

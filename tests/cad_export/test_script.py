@@ -72,6 +72,7 @@ def test_unsuitable_settings_are_refused_listing_the_known_ones(script, tmp_path
         ("x = 1\nraise SystemExit(3)\n", r"line 2: SystemExit: 3"),
         ("x = 1\n", r"defines no design\(\.\.\.\)"),
         ("def design():\n    return 3\n", r"returned int; return the Drawing"),
+        ("def design(*more, **others):\n    return 3\n", r"returned int; return the Drawing"),
         ("def design(cells: int):\n    return 3\n", r'setting "cells" has no default; give it: --set cells='),
         ("def design(cells: list = ()):\n    return 3\n", None),
         (
@@ -112,6 +113,14 @@ def test_the_command_fails_with_a_sentence(script, tmp_path, capsys):
     assert 'setting "cell" is unknown' in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         main([str(script()), "--set", "cells"])
+
+
+def test_the_command_says_where_it_could_not_write(script, tmp_path, capsys):
+    (tmp_path / "taken").write_text("")
+    assert main([str(script()), "--out", str(tmp_path / "taken" / "inside")]) == 1
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert str(tmp_path / "taken") in said
+    assert "choose another --out" in said
 
 
 def test_the_example_of_the_page_runs(script, tmp_path):

@@ -67,6 +67,27 @@ def test_parts_without_a_name_are_numbered_and_said_to_be(tmp_path):
     assert read.lost[-1] == "names of 2 parts, which have none; here part, part-2"
 
 
+def test_parts_that_cadquery_named_itself_have_no_name(tmp_path):
+    assembly = cq.Assembly(name="m").add(BLOCK, name="frame").add(cq.Workplane().box(5, 5, 5))
+    assembly.export(str(tmp_path / "m.step"))
+    read = read_step(tmp_path / "m.step")
+    assert list(parts_of(read.assembly)) == ["frame", "part"]
+    assert "the name of a part, which has none; here part" in read.lost
+
+
+def test_names_in_every_script_come_back_from_cadquerys_file_and_from_others(tmp_path):
+    names = ["Gehäuse", "曲柄 1"]
+    assembly = cq.Assembly(name="m").add(BLOCK, name=names[0]).add(BLOCK, name=names[1], loc=cq.Location((50, 0, 0)))
+    path = tmp_path / "m.step"
+    assembly.export(str(path))
+    assert list(parts_of(read_step(path).assembly)) == names
+    written = path.read_bytes()
+    twice = "Gehäuse".encode().decode("latin-1").encode()  # as CadQuery writes it
+    assert twice in written
+    path.write_bytes(written.replace(twice, rb"Geh\X2\00E4\X0\use"))  # as ISO 10303-21 says
+    assert list(parts_of(read_step(path).assembly)) == names
+
+
 def test_a_name_that_stands_twice_is_numbered_and_said_to_be(tmp_path):
     path = tmp_path / "twice.step"
     cq.Assembly(name="top").add(BLOCK, name="bar").add(BLOCK, name="second").export(str(path))

@@ -114,9 +114,17 @@ def test_a_folder_that_cannot_be_written_is_refused_in_a_sentence(drawing):
         ("dance",),
         ("simulate",),
         ("export", "pyproject.toml", "--set", "cells"),
+        ("export", "samples/pendulum/design.py", "--propose", "--upload", "http://127.0.0.1:1"),
         ("fit", "pyproject.toml"),
     ],
-    ids=["no such file", "no such command", "no mechanism", "a setting without a value", "nothing to fit"],
+    ids=[
+        "no such file",
+        "no such command",
+        "no mechanism",
+        "a setting without a value",
+        "two that exclude each other",
+        "nothing to fit",
+    ],
 )
 def test_bad_arguments_end_with_exit_code_2_and_say_which(arguments):
     done = linktwin(*arguments)

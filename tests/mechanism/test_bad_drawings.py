@@ -8,7 +8,7 @@ import pytest
 from backend.mechanism.drawing_error import MOST_LISTED, DrawingError
 from backend.mechanism.effect import MOST_PLACES
 from backend.mechanism.mechanism import Mechanism
-from backend.mechanism.read import decode, parse_mechanism, read_mechanism
+from backend.mechanism.read import decode, parse_mechanism, read_mechanism, read_study
 
 
 def put(*path_and_value):
@@ -168,6 +168,25 @@ FAULTS = {
     "limits the wrong way round": (
         put("joints", 0, "limits", {"lower": 1, "upper": -1}),
         ['joint "j1": limits', "lower 1 is above upper -1", "swap"],
+    ),
+    "coordinate of another world": (
+        put("joints", 0, "frame_a", "position_m", [0, 0, 1e160]),
+        ['joint "j1": frame_a.position_m', "1e+160", "1e+09", "write it in m"],
+    ),
+    "a push that points nowhere": (
+        effect("applied_force", ["link1"], force_n=1.0, direction=[0, 0, 0]),
+        ['effect "x"', "direction has length 0", "[0, 0, 1]"],
+    ),
+    "an axis too short to point": (
+        effect("applied_torque", ["link1"], torque_n_m=1.0, axis=[0, 1e-200, 0]),
+        ['effect "x"', "axis has length 1e-200"],
+    ),
+    "a joint driven twice": (
+        together(
+            add("effects", {"id": "p1", "kind": "prescribed_motion", "on": ["j1"], "parameters": {"q": 0}}),
+            add("effects", {"id": "p2", "kind": "prescribed_motion", "on": "all", "parameters": {"q": 1}}),
+        ),
+        ['joint "j1"', '2 effects prescribe its motion ("p1", "p2")', "keep one"],
     ),
     "negative clearance": (
         put("joints", 0, "fit", "radial_clearance_m", -1e-5),
@@ -377,8 +396,11 @@ def test_all_faults_are_listed_not_only_the_first(drawings):
         ('{"gravity_m_per_s2": [0, 0, NaN]}', ["NaN", "finite"]),
         ('{"gravity_m_per_s2": [0, 0, -Infinity]}', ["-Infinity", "finite"]),
         ('{"schema_version": "1.0", "gravity_m_per_s2": [0, 0, 1e999]}', ["gravity_m_per_s2[2]", "is inf"]),
+        ('{"schema_version": "1.0", "name": "crank \\ud800"}', [r"'\ud800', half of a letter"]),
         ("[" * 200_000 + "]" * 200_000, ["nested too deeply"]),
         ('{"a": ' + "9" * 5000 + "}", ["fewer digits"]),
+        ('{"schema_version": "1.0", "experiments": [1, 2]}', ["a study with 2 experiments", "that it names"]),
+        ('{"schema_version": "1.0", "experiments": 2}', ["bodies is missing"]),
         ("[1, 2]", ["list", "object in braces"]),
         ("3", ["int", "object in braces"]),
     ],
@@ -390,6 +412,19 @@ def test_a_file_that_is_no_drawing_is_refused(tmp_path, text, terms):
         read_mechanism(path)
     for term in ["mechanism.json", *terms]:
         assert term in str(refusal.value)
+
+
+def test_a_drawing_in_the_place_of_a_study_is_told(tmp_path, drawings):
+    path = tmp_path / "mechanism.json"
+    path.write_text(json.dumps(drawings.pendulum()))
+    with pytest.raises(DrawingError, match=r"holds a drawing with 2 bodies; give a study\.json that names it"):
+        read_study(path)
+
+
+def test_a_name_may_hold_any_whole_letter(tmp_path, drawings):
+    path = tmp_path / "mechanism.json"
+    path.write_text(json.dumps({**drawings.pendulum(), "name": "crank \U0001f680"}))  # as two halves
+    assert read_mechanism(path).name == "crank \U0001f680"
 
 
 def test_a_file_that_cannot_be_opened_is_refused(tmp_path):

@@ -25,6 +25,21 @@ class Things:
         return next((item for item in self._items if item.id == id), None)
 
 
+class Array:
+    """What Fusion's help calls an array: a sequence, without the count and item of a collection."""
+
+    def __init__(self, *items: Any):
+        self._items = list(items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __getitem__(self, at: int) -> Any:
+        if isinstance(self._items[at], Exception):
+            raise self._items[at]
+        return self._items[at]
+
+
 class Fake(SimpleNamespace):
     """An object of Fusion; an attribute that holds an exception raises it."""
 
@@ -128,8 +143,8 @@ def design(
     name: str, occurrences=(), joints=(), as_builts=(), groups=(), root_bodies=(), write_mesh=None, **more
 ) -> Fake:
     """A Design; its exportManager writes meshes by `write_mesh(body, path)`."""
-    told = {"allOccurrences": Things(*occurrences), "allJoints": Things(*joints)}
-    told |= {"allAsBuiltJoints": Things(*as_builts), "allRigidGroups": Things(*groups)}
+    told = {"allOccurrences": Things(*occurrences), "allJoints": Array(*joints)}
+    told |= {"allAsBuiltJoints": Array(*as_builts), "allRigidGroups": Array(*groups)}
     root = component(name, *root_bodies, **{**told, **more})
     return Fake(rootComponent=root, exportManager=_exports(write_mesh))
 

@@ -10,7 +10,9 @@ from backend.mechanism.graph import describe
 from backend.mechanism.read import parse_mechanism
 from tests.plugin_fusion.addin import room
 from tests.plugin_fusion.snapshots import (
+    BALL,
     REVOLUTE,
+    SLIDER,
     about,
     as_built,
     bar,
@@ -69,6 +71,15 @@ def test_a_joints_offset_along_its_axis_is_meant():
     design = fourbar()
     design["joints"][0]["geometry_one"]["origin_cm"][2] += 0.3
     design["joints"][0]["offset_cm"] = 0.3
+    assert not [warning for warning in export(design).warnings if "origins" in warning]
+
+
+@pytest.mark.parametrize("type", [SLIDER, BALL])
+def test_an_offset_across_a_slide_and_of_a_ball_is_meant_too(type):
+    design = fourbar()
+    record = design["joints"][0]
+    record.update(type=type, slide_direction=[1.0, 0.0, 0.0], offset_cm=0.3)
+    record["geometry_one"]["origin_cm"][2] += 0.3
     assert not [warning for warning in export(design).warnings if "origins" in warning]
 
 

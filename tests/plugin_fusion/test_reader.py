@@ -92,7 +92,7 @@ def test_a_list_of_joints_that_raises_is_read_component_by_component(tmp_path):
     inner.createForAssemblyContext = lambda _: inner
     link.component.joints = fakes.Things(inner)
     of = design(occurrences=(frame, link))
-    own = of.rootComponent.allJoints
+    own = fakes.Things(of.rootComponent.allJoints[0])
     of.rootComponent.allJoints, of.rootComponent.joints = BROKEN, own
     snapshot = read(of, tmp_path)
     assert [joint["name"] for joint in snapshot["joints"]] == ["Pivot", "Inner"]
@@ -127,8 +127,8 @@ def test_as_built_joints_and_joint_origins_are_read(tmp_path):
     frame, link = frame_and_link()
     built = fakes.as_built("Built", fakes.slider((1, 0, 0), 2.0, upper=5.0), link, frame, (1, 2, 3))
     welded = fakes.as_built("Welded", fakes.Fake(jointType=0), link, frame)
-    of = design(occurrences=(frame, link), allAsBuiltJoints=fakes.Things(built, welded))
-    pivot = of.rootComponent.allJoints.item(0)
+    of = design(occurrences=(frame, link), allAsBuiltJoints=fakes.Array(built, welded))
+    pivot = of.rootComponent.allJoints[0]
     pivot.geometryOrOriginTwo = fakes.Fake(geometry=fakes.geometry((0, 0, 0.5)))
     snapshot = read(of, tmp_path)
     first, second, third = snapshot["joints"]
@@ -143,8 +143,71 @@ def test_rigid_groups_name_their_members(tmp_path):
     group = fakes.Fake(
         name="G", isSuppressed=False, assemblyContext=None, occurrences=fakes.Things(frame, link, BROKEN)
     )
-    (found,) = read(design(occurrences=(frame, link), allRigidGroups=fakes.Things(group)), tmp_path)["rigid_groups"]
+    (found,) = read(design(occurrences=(frame, link), allRigidGroups=fakes.Array(group)), tmp_path)["rigid_groups"]
     assert found == {"name": "G", "context": "", "suppressed": False, "members": ["Frame:1", "Link:1"]}
+
+
+def test_rigid_groups_that_raise_are_named_and_not_silently_lost(tmp_path):
+    frame, link = frame_and_link()
+    group = fakes.Fake(name="G", isSuppressed=False, assemblyContext=None, occurrences=fakes.Things(frame, link))
+    broken = read(design(occurrences=(frame, link), allRigidGroups=fakes.Array(BROKEN, group)), tmp_path)
+    assert [found["name"] for found in broken["rigid_groups"]] == ["G"]
+    assert "rigid group 1 cannot be read" in broken["unread"][0]
+    refused = design(occurrences=(frame, link), allRigidGroups=BROKEN, rigidGroups=fakes.Things(group))
+    snapshot = read(refused, tmp_path)
+    assert [found["members"] for found in snapshot["rigid_groups"]] == [["Frame:1", "Link:1"]]
+    assert "Fusion cannot list all rigid groups" in snapshot["unread"][0]
+
+
+def test_copies_of_one_design_share_an_id_and_keep_their_own_bodies(tmp_path):
+    frame, _ = frame_and_link()
+    sizes = {"Link": (9, 1, 0.5), "Link copy": (19, 1, 0.5)}
+    parts = [
+        fakes.component(name, fakes.box_body("Body1", (-1, -1, 0), high), id="same", revisionId=name)
+        for name, high in sizes.items()
+    ]
+    places = [fakes.occurrence(f"{part.name}:1", part, rows((0, 0, at))) for at, part in enumerate(parts, 1)]
+    again = fakes.occurrence("Link copy:2", parts[1], rows((0, 0, 3)))
+    of = fakes.design("Root", (frame, *places, again), write_mesh=fakes.write_box)
+    snapshot = read(of, tmp_path)
+    keys = [occurrence["component"] for occurrence in snapshot["occurrences"][1:]]
+    assert len(set(keys[:2])) == 2
+    assert keys[2] == keys[1]
+    assert [snapshot["components"][key]["bodies"][0]["volume_cm3"] for key in keys] == [10.0, 20.0, 20.0]
+
+
+def joint_origin(at, axes, **offsets):
+    """A JointOrigin on a JointGeometry: z, x, y of its triad, and how far it is drawn away along them."""
+    names = ("primaryAxisVector", "secondaryAxisVector", "thirdAxisVector")
+    zero = {"offsetX": 0.0, "offsetY": 0.0, "offsetZ": 0.0}
+    return fakes.Fake(
+        geometry=fakes.geometry(at, axes),
+        **{name: fakes.point(axis) for name, axis in zip(names, axes, strict=True)},
+        **{name: fakes.Fake(value=value) for name, value in {**zero, **offsets}.items()},
+    )
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_joint_origin_drawn_away_from_its_geometry_is_found_where_both_parts_meet(tmp_path, held):
+    frame, link = frame_and_link()
+    of = design(occurrences=(frame, link))
+    axes = ((0, 0, 1), (0, 1, 0), (-1, 0, 0))
+    base = (0, 0, 0.5) if held else (0, -3, 0.2)  # whether the geometry's origin holds the offsets is not told
+    of.rootComponent.allJoints[0].geometryOrOriginTwo = joint_origin(base, axes, offsetX=3.0, offsetZ=0.3)
+    result = saved(of, tmp_path)
+    assert not [warning for warning in result.warnings if "origins" in warning]
+    (joint,) = read_mechanism(result.mechanism).joints
+    assert joint.frame_a.position_m == pytest.approx((0, 0, 0.005))
+
+
+def test_what_ties_motions_and_parts_and_is_no_joint_is_named(tmp_path):
+    frame, link = frame_and_link()
+    frame.component.assemblyConstraints = fakes.Things(fakes.Fake(), fakes.Fake())
+    of = design(occurrences=(frame, link))
+    of.rootComponent.allJoints[0].motionLinks = fakes.Array(fakes.Fake(name="Gears"))
+    said = "\n".join(saved(of, tmp_path).warnings)
+    assert 'component "Frame" holds assembly constraints (2), left out' in said
+    assert 'joint "Pivot" is tied by motion link "Gears"' in said
 
 
 def test_a_linked_component_that_is_not_loaded_is_named(tmp_path):

@@ -2,7 +2,9 @@
 
 import pytest
 
-from backend.simulate.run import simulate
+from backend.model.build import build
+from backend.model.system import system
+from backend.simulate.run import check_ends, simulate
 from tests.mechanisms import effect, pendulum
 
 
@@ -21,6 +23,15 @@ def test_a_path_that_begins_away_from_the_drawing_is_refused():
     driven = pendulum(effects=[effect("drive", "prescribed_motion", [joint.id], q=0.5)])
     with pytest.raises(ValueError, match=r"'drive'.*begins at 0.5 rad, the drawing stands at"):
         simulate(driven, 0.1)
+
+
+def test_a_joint_drawn_beyond_a_rigid_end_is_refused_and_one_pressed_into_a_soft_end_is_not():
+    ends = {"lower": 0.5, "upper": 1.0}
+    with pytest.raises(ValueError, match=r"'ends': joint 'pin' is drawn at .*, beyond its end of travel at 0.5 rad"):
+        simulate(pendulum(effects=[effect("ends", "joint_stop", ["pin"], **ends)]), 0.1)
+    soft = pendulum(effects=[effect("ends", "joint_stop", ["pin"], **ends, stiffness_n_m_per_rad=10.0)])
+    model = build(soft)
+    check_ends(model, system(model))
 
 
 def test_pin_friction_on_all_asks_for_every_pins_size():

@@ -16,6 +16,7 @@ from .placement import Placement, Vector, cross, dot, length, minus, plus, unit
 REVOLUTE, SLIDER, CYLINDRICAL, PIN_SLOT, PLANAR, BALL = 1, 2, 3, 4, 5, 6  # adsk.fusion.JointTypes
 MET_CM = 1e-3  # 10 µm: Fusion solves its joints far closer, and readings differ by a part's distance from the origin
 PARALLEL = 1e-6
+UNSHIFTED = " without the joint origin's offset"
 DIRECTION = {REVOLUTE: "rotation_axis", SLIDER: "slide_direction", CYLINDRICAL: "rotation_axis",
              PIN_SLOT: "rotation_axis", PLANAR: "normal"}  # fmt: skip
 
@@ -55,7 +56,7 @@ def anchors(
     for found in tried:
         met = _distinct([anchor for anchor in found if anchor.apart is not None and anchor.met])
         if len(met) == 1 and len(_distinct(found)) > 1:
-            votes[met[0].reading] += 1
+            votes[met[0].reading.removesuffix(UNSHIFTED)] += 1
     favourite = votes.most_common(1)[0][0] if votes else None
     return [_choose(joint, found, favourite, off_part) for joint, found in zip(joints, tried)]
 
@@ -76,12 +77,15 @@ def _readings(joint: Mapping, places: Mapping[str, Placement]) -> list[Anchor]:
     frames = {"world": (Placement(), Placement()), "occurrence": (X_W1, X_W2)}
     if joint.get("context", ROOT) != ROOT:
         frames["context"] = (places[joint["context"]], places[joint["context"]])
+    drawn_away = any((joint.get(side) or {}).get("shift_cm") for side in ("geometry_one", "geometry_two"))
+    ways = [(name, X, share) for name, X in frames.items() for share in ((1.0, 0.0) if drawn_away else (0.0,))]
     found: list[Anchor] = []
-    for reading, (X_1, X_2) in frames.items():
+    for name, (X_1, X_2), share in ways:
+        reading = f"{name}{UNSHIFTED}" if drawn_away and not share else name
         sides = [(X, joint[side]) for X, side in ((X_1, "geometry_one"), (X_2, "geometry_two")) if joint.get(side)]
-        origins = [X.point(geometry["origin_cm"]) for X, geometry in sides]
+        origins = [X.point(plus(g["origin_cm"], g.get("shift_cm") or (0.0, 0.0, 0.0), share)) for X, g in sides]
         drawn = [[X.direction(v) for v in geometry.get("vectors") or ()] for X, geometry in sides]
-        turns = (X_1, X_W1, X_W2) if reading == "context" else (Placement(), X_W1, X_W2)
+        turns = (X_1, X_W1, X_W2) if name == "context" else (Placement(), X_W1, X_W2)
         axis = _direction(joint.get(DIRECTION.get(joint["type"], "")), turns, drawn) or (0.0, 0.0, 1.0)
         slot = _direction(joint.get("slide_direction"), turns, drawn) if joint["type"] == PIN_SLOT else None
         apart = _bound(joint, minus(origins[0], origins[-1]), axis, slot) if len(origins) == 2 else None
@@ -102,12 +106,20 @@ def _direction(raw: Sequence[float] | None, turns: Sequence[Placement], drawn: S
 
 
 def _bound(joint: Mapping, gap: Vector, axis: Vector, slot: Vector | None) -> float:
-    """The part of a gap that the joint does not leave free [cm]; its offset along the axis is meant."""
+    """The part of a gap that the joint does not leave free [cm]; its offset is meant, along its axis where it turns.
+
+    A slide may run across the joint's own z axis, along which its offset is, and a ball has no axis.
+    """
+    offset = abs(joint.get("offset_cm") or 0.0)
     along = dot(gap, axis)
     across = plus(gap, axis, -along)
-    along = max(0.0, abs(along) - abs(joint.get("offset_cm") or 0.0))
-    if joint["type"] in (SLIDER, CYLINDRICAL):
+    if joint["type"] == BALL:
+        return max(0.0, length(gap) - offset)
+    if joint["type"] == SLIDER:
+        return max(0.0, length(across) - offset)
+    if joint["type"] == CYLINDRICAL:
         return length(across)
+    along = max(0.0, abs(along) - offset)
     if joint["type"] == PLANAR:
         return along
     if slot is not None:
@@ -134,7 +146,7 @@ def _choose(
     if len(able) < 2:
         return (able or found)[0]
     for anchor in able:
-        if anchor.reading == favourite:
+        if anchor.reading.removesuffix(UNSHIFTED) == favourite:
             return anchor
     off = [off_part(joint["one"], a.one) + off_part(joint["two"], a.two) for a in able]
     nearest = min(range(len(able)), key=lambda at: off[at])

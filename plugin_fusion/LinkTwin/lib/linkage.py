@@ -109,6 +109,11 @@ def _resolved(joint: dict, places: Mapping[str, Placement], warnings: list[str])
         return None
     if joint.get("message"):
         warnings.append(f"{what}: Fusion says {joint['message']!r}; repair it in the timeline and export again")
+    for link in joint.get("motion_links") or ():
+        warnings.append(
+            f'{what} is tied by motion link "{link}" to another motion, which the format does not hold: it moves by '
+            "itself; leave out the parts that it drives, or expect a freedom more"
+        )
     if joint.get("locked") and joint["type"] != 0:
         warnings.append(f"{what} is locked and therefore rigid; unlock it if its parts should move")
     return {**joint, **ends, "context": joint.get("context", ROOT)}

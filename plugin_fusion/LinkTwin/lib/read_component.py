@@ -32,11 +32,23 @@ def read_component(component, write_mesh) -> dict:
 
 def items(read) -> list:
     """The items of a collection, skipping those that raise."""
-    collection = attempt(read)
-    if collection is None:
-        return []
-    found = (attempt(lambda at=at: collection.item(at)) for at in range(attempt(lambda: int(collection.count), 0)))
-    return [item for item in found if item is not None]
+    found = attempt(lambda: listed(read())) or []
+    return [item for item in found if item is not None and not isinstance(item, Exception)]
+
+
+def listed(collection) -> list:
+    """The items of a collection, or of an array (Fusion's `all...` properties give one), which has no count and no
+    item; with the exception in place of one that raises.
+    """
+    count = attempt(lambda: int(collection.count))  # of a list, count is a method
+    pick = collection.__getitem__ if count is None else collection.item
+    found: list = []
+    for at in range(len(collection) if count is None else count):
+        try:
+            found.append(pick(at))
+        except Exception as error:  # whatever Fusion raises about one item, the others are read
+            found.append(error)
+    return found
 
 
 def _shown(body) -> bool:

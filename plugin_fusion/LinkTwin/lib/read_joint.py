@@ -14,6 +14,8 @@ MOTION_DIRECTIONS = {
 }
 MOTION_VALUES = {"rotation_rad": "rotationValue", "slide_cm": "slideValue"}
 HELD_LIMITS = {"rotation_limits": "rotationLimits", "slide_limits": "slideLimits"}
+AXES = ("primaryAxisVector", "secondaryAxisVector", "thirdAxisVector")  # z, x and y of the triad
+OFFSETS = ("offsetZ", "offsetX", "offsetY")  # of a JointOrigin, along them
 OTHER_LIMITS = {
     "first slide": "primarySlideLimits",
     "second slide": "secondarySlideLimits",
@@ -48,6 +50,7 @@ def read_joint(joint, kind: str) -> dict:
         "locked": bool(attempt(lambda: joint.isLocked, False)),
         "flipped": bool(attempt(lambda: joint.isFlipped, False)),
         "message": attempt(lambda: joint.errorOrWarningMessage) or "",
+        "motion_links": attempt(lambda: [_link(link) for link in joint.motionLinks], []),
         "offset_cm": attempt(lambda: float(joint.offset.value), 0.0),
         "angle_rad": attempt(lambda: float(joint.angle.value), 0.0),
         "other_limits": [
@@ -82,20 +85,30 @@ def _end(joint, side: str) -> str | None:
     return attempt(lambda: _path(getattr(joint, side)), None)
 
 
+def _link(link) -> str:
+    return attempt(lambda: str(link.name)) or "motion link"
+
+
 def _geometry(geometry) -> dict | None:
-    """Origin and axes of a JointGeometry or a JointOrigin, in whatever frame Fusion gives them."""
+    """Origin and axes of a JointGeometry or a JointOrigin, in whatever frame Fusion gives them.
+
+    shift_cm: by how much a JointOrigin is drawn away from its JointGeometry, whose origin may or may not hold that.
+    """
     if geometry is None:
         return None
     inner = attempt(lambda: geometry.geometry)  # a JointOrigin holds its JointGeometry
     origin = attempt(lambda: numbers(geometry.origin)) or attempt(lambda: numbers(inner.origin))
     if origin is None:
         return None
-    names = ("primaryAxisVector", "secondaryAxisVector", "thirdAxisVector")
     vectors = [
         attempt(lambda n=name: numbers(getattr(geometry, n))) or attempt(lambda n=name: numbers(getattr(inner, n)))
-        for name in names
+        for name in AXES
     ]
-    return {"origin_cm": origin, "vectors": [vector for vector in vectors if vector]}
+    found: dict = {"origin_cm": origin, "vectors": [vector for vector in vectors if vector]}
+    offsets = [attempt(lambda n=name: float(getattr(geometry, n).value), 0.0) for name in OFFSETS]
+    if any(offsets) and all(vectors):
+        found["shift_cm"] = [sum(offset * vector[at] for offset, vector in zip(offsets, vectors)) for at in range(3)]
+    return found
 
 
 def _limits(limits) -> dict | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .islands import ROOT
 from .names import file_names
-from .read_component import items, read_component
+from .read_component import items, listed, read_component
 from .read_joint import attempt, read_joint
 
 SNAPSHOT_VERSION = "1.0"
@@ -26,15 +26,17 @@ def read_design(
     read, and the share that is done.
     """
     unread: list = []
-    root = design.rootComponent
+    root, keys = design.rootComponent, _Keys()
     occurrences = items(lambda: root.allOccurrences)
-    listed = [record for record in (_occurrence(occurrence, unread) for occurrence in occurrences) if record]
-    components = _components(root, occurrences)
+    root_key = keys.of(root)
+    listed = [record for record in (_occurrence(occurrence, keys, unread) for occurrence in occurrences) if record]
+    components = _components(root, occurrences, keys)
     write_mesh = _mesh_writer(design, Path(folder) / "raw")
     found = {}
     for number, (id, component) in enumerate(components.items()):
         progress(f'component "{attempt(lambda c=component: c.name)}"', number / (len(components) + 1))
         found[id] = read_component(component, write_mesh)
+    unread += _unasked(components.values())
     progress("joints", len(components) / (len(components) + 1))
     joints = _joints(root, "allJoints", "joints", "joint", unread) + _joints(
         root, "allAsBuiltJoints", "asBuiltJoints", "as_built", unread
@@ -48,7 +50,7 @@ def read_design(
             "saved": bool(attempt(lambda: application.activeDocument.isSaved, False)),
         },
         "up": _up(application, unread) if up == "auto" else up,
-        "root": {"component": _id(root)},
+        "root": {"component": root_key},
         "occurrences": listed,
         "components": found,
         "joints": joints,
@@ -63,17 +65,43 @@ def document_name(design, application) -> str:
     return named or "Untitled"
 
 
-def _id(component) -> str:
-    return attempt(lambda: str(component.id)) or attempt(lambda: str(component.entityToken)) or str(component.name)
+class _Keys:
+    """What components are called in a snapshot: their ids, and copies and revisions of one design, which share an id,
+    by their names and revisions too.
+    """
+
+    def __init__(self):
+        self._first: dict = {}
+
+    def of(self, component) -> str:
+        """The key of a component; the same whenever it is asked for."""
+        name = attempt(lambda: str(component.name), "")
+        id = attempt(lambda: str(component.id)) or attempt(lambda: str(component.entityToken)) or str(component.name)
+        told = (name, attempt(lambda: str(component.revisionId), ""))
+        return id if self._first.setdefault(id, told) == told else " ".join((id, *told)).strip()
 
 
-def _occurrence(occurrence, unread: list) -> dict | None:
+def _unasked(components) -> list:
+    """What ties components together and is no joint."""
+    told = []
+    for component in components:
+        count = attempt(lambda c=component: int(c.assemblyConstraints.count), 0)
+        if count:
+            name = attempt(lambda c=component: str(c.name), "?")
+            told.append(
+                f'component "{name}" holds assembly constraints ({count}), left out: only joints are read; '
+                "join its parts by joints or as-built joints"
+            )
+    return told
+
+
+def _occurrence(occurrence, keys: _Keys, unread: list) -> dict | None:
     path = attempt(lambda: str(occurrence.fullPathName))
     try:
         return {
             "path": str(occurrence.fullPathName),
             "parent": attempt(lambda: str(occurrence.assemblyContext.fullPathName), ROOT),
-            "component": _id(occurrence.component),
+            "component": keys.of(occurrence.component),
             "transform": [float(entry) for entry in occurrence.transform2.asArray()],
             "pinned": bool(attempt(lambda: occurrence.isGrounded, False)),
             "ground_to_parent": attempt(lambda: bool(occurrence.isGroundToParent)),
@@ -84,12 +112,12 @@ def _occurrence(occurrence, unread: list) -> dict | None:
         return None
 
 
-def _components(root, occurrences) -> dict:
-    found = {_id(root): root}
+def _components(root, occurrences, keys: _Keys) -> dict:
+    found = {keys.of(root): root}
     for occurrence in occurrences:
         component = attempt(lambda o=occurrence: o.component)
         if component is not None:
-            found.setdefault(_id(component), component)
+            found.setdefault(keys.of(component), component)
     return found
 
 
@@ -114,17 +142,8 @@ def _mesh_writer(design, folder: Path) -> Callable:
 
 
 def _joints(root, everywhere: str, own: str, kind: str, unread: list) -> list:
-    """All joints; where Fusion refuses the list of all, those of the root and of each occurrence, one by one."""
-    joints, failed = _listed(lambda: getattr(root, everywhere))
-    if joints is None:
-        unread.append(
-            f"Fusion cannot list all {kind.replace('_', '-')} joints ({failed}); they are read component by component"
-        )
-        joints = _listed(lambda: getattr(root, own))[0] or []
-        for occurrence in items(lambda: root.allOccurrences):
-            for native in _listed(lambda o=occurrence: getattr(o.component, own))[0] or []:
-                joints.append(attempt(lambda n=native, o=occurrence: n.createForAssemblyContext(o), native))
     found = []
+    joints = _everywhere(root, everywhere, own, f"{kind.replace('_', '-')} joints", unread)
     for number, joint in enumerate(joints, 1):
         if isinstance(joint, Exception):
             unread.append(
@@ -140,26 +159,25 @@ def _joints(root, everywhere: str, own: str, kind: str, unread: list) -> list:
     return found
 
 
-def _listed(read: Callable) -> tuple:
-    """The items of a collection, with the exception in place of one that raises; None and why where there is none."""
+def _everywhere(root, everywhere: str, own: str, what: str, unread: list) -> list:
+    """All of a kind; where Fusion refuses the list of all, those of the root and of each occurrence, one by one."""
     try:
-        collection = read()
-        count = int(collection.count)
+        return listed(getattr(root, everywhere))
     except Exception as error:
-        return None, error
-    found: list = []
-    for at in range(count):
-        try:
-            found.append(collection.item(at))
-        except Exception as error:
-            found.append(error)
-    return found, None
+        unread.append(f"Fusion cannot list all {what} ({error}); they are read component by component")
+    found = attempt(lambda: listed(getattr(root, own)), [])
+    for occurrence in items(lambda: root.allOccurrences):
+        for native in attempt(lambda o=occurrence: listed(getattr(o.component, own)), []):
+            found.append(attempt(lambda n=native, o=occurrence: n.createForAssemblyContext(o), native))
+    return found
 
 
 def _groups(root, unread: list) -> list:
     found = []
-    for number, group in enumerate(_listed(lambda: root.allRigidGroups)[0] or [], 1):
+    for number, group in enumerate(_everywhere(root, "allRigidGroups", "rigidGroups", "rigid groups", unread), 1):
         try:
+            if isinstance(group, Exception):
+                raise group
             found.append(
                 {
                     "name": attempt(lambda g=group: str(g.name)) or f"rigid group {number}",
