@@ -20,7 +20,6 @@ from backend.simulate.equations import (
     direction,
     equations,
     frame,
-    lengthening,
     linearise,
     refreshed,
     softened,
@@ -37,6 +36,7 @@ STAGES = 20  # problems between a soft one and the one that is asked, at most
 SOFTEST = 1e8  # factor on the rate below which friction holds: all friction is then a faint damping
 HAZIEST = 1e4  # factor on the barrier of soft problems, at most
 FALL = 0.1  # of the softness from stage to stage; its root where that was too bold
+STILL = 1e-15  # error, in mechanism lengths, of a guess that needs no iteration: rounding, as at rest
 LOOSE = 1e-6  # error, in mechanism lengths, that a stage may leave to the next
 ENOUGH = 1e-4  # share of the linear fall of the merit that an iteration must bring
 SHORTEST = 0.02  # share of an iteration's change below which no better point is sought
@@ -136,7 +136,9 @@ def _walk(
         return _Point(unknowns, residual, there, jnp.asarray(iterations), error, merit)
 
     def unfinished(now: _Point) -> Bool[Array, ""]:
-        return (now.error > enough) & (now.iterations < most)
+        # A guess lags behind what moves: taken as good enough it would drop as much of the momentum in every step.
+        lagging = (now.iterations == 0) & (now.error > STILL)
+        return ((now.error > enough) | lagging) & (now.iterations < most)
 
     def iterate(now: _Point) -> _Point:
         change, _ = direction(system, linearise(system, at, now.unknowns, now.there), now.residual)
@@ -235,7 +237,6 @@ def step(
         acceleration=(velocity - motion.velocity) / at.weight_s,
         q=lax.stop_gradient(q),
         rate=law.displacement(system, there.moved) / step_s,
-        lengthening=lengthening(system, at.strut_slope, xi) / step_s,
         borne=law.borne(at.drive, law.displacement(system, there.moved)),
         opening=rate.walls,
         parting=rate.touches,
