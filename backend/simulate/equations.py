@@ -243,7 +243,7 @@ def softened(at: Frame, factor: float | Array) -> Frame:
     return at._replace(drive=drive, meeting=meet)
 
 
-def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> tuple[Unknowns, There]:
+def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Bounds) -> tuple[Unknowns, There]:
     """Residuals of momentum and of the joints' laws, and the mechanism at q_{k+1}."""
     xi, impulses = unknowns
     there = ahead(system, at, xi)
@@ -256,9 +256,9 @@ def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> 
         pull = -at.weight_s * system.strut_damping * _lengthening(system, at.strut_slope, _mean_velocity(at, xi))
         table = system.topology.strut_sides
         balance = balance - forces.collect(table, pull[:, None] * at.strut_slope)
-    asked = law.residual(system, at.drive, there.moved, impulses, barrier)
+    asked = law.residual(system, at.drive, there.moved, impulses, barrier.walls)
     if system.touches.count or system.pads.count:
-        asked, pushed = meeting.residual(system, at.meeting, xi, asked, barrier)
+        asked, pushed = meeting.residual(system, at.meeting, xi, asked, barrier.touches)
         balance = balance - pushed
     return Unknowns(balance, asked), there
 
