@@ -89,6 +89,8 @@ def value_fault(spec: ParameterSpec, value: float | tuple[float, ...] | str) -> 
             return f"{spec.name} is {number:g} {spec.unit}, below its lower bound {spec.lower:g}; raise it"
         if spec.upper is not None and number > spec.upper:
             return f"{spec.name} is {number:g} {spec.unit}, above its upper bound {spec.upper:g}; lower it"
+    if spec.is_direction and not any(numbers):
+        return f"{spec.name} is 0, 0, 0, which points nowhere; write a vector along it, such as 0, 0, 1"
     return None
 
 

@@ -37,6 +37,11 @@ class ParameterSpec:
     at_least: str | None = None
     expected: float | None = None
 
+    @property
+    def is_direction(self) -> bool:
+        """Whether it is a vector of which only the direction counts, and which must be given."""
+        return (self.unit, self.size, self.default) == ("1", 3, None)
+
     def suits(self, joint_type: str) -> bool:
         """Whether this parameter means something at a joint of that type."""
         if self.joint_types is None:

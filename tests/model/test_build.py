@@ -139,6 +139,12 @@ def test_two_clearances_at_one_joint_are_refused():
         system(build(pendulum(), plays))
 
 
+def test_a_joint_that_is_told_twice_where_to_be_is_refused_by_name():
+    paths = [effect(name, "prescribed_motion", ["pin"]) for name in "ab"]
+    with pytest.raises(ValueError, match="effects 'a' and 'b' both prescribe the motion of joint 'pin'; keep one"):
+        build(pendulum(), paths)
+
+
 def test_the_shape_of_a_hole_and_the_rings_of_a_bearing_decide_its_walls():
     counts = []
     for given in ({}, {"shape": "rectangle"}, {"bearing_length_m": 0.01}):
