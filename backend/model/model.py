@@ -107,6 +107,8 @@ class Model(eqx.Module):
     def overridden(self, overrides: Mapping[str, Mapping[str, ParameterValue]]) -> dict[Address, Any]:
         """Values that an experiment sets otherwise than drawn, by address: of an effect that the model holds once a
         place (`id@place`), because its places differ, at each where the parameter means something.
+
+        Raises ValueError for a value with which the effect would have to be built otherwise than it is drawn.
         """
         ids = [id for placed in self.effects for id in placed.ids]
         types = dict(zip(self.topology.joint_ids, self.topology.joint_types, strict=True))
@@ -118,8 +120,21 @@ class Model(eqx.Module):
                 for id in apart or [effect_id]:
                     able = rows[id, name].declaration.joint_types if apart else None
                     if able is None or types[rows[id, name].on[0]] in able:
+                        self._check_built(id, name, value)
                         found[id, name] = value
         return found
+
+    def _check_built(self, effect_id: str, name: str, value: ParameterValue) -> None:
+        """Refuse what asks for another structure, such as the rings of a bearing that was drawn without a length."""
+        index, row = self._find(effect_id, name)
+        effect = self.effects[index].effect
+        drawn = {n: getattr(effect, n)[row] for n, d in effect.declarations().items() if d.size == 1}
+        drawn |= {n: getattr(effect, n) for n in effect.choices()}
+        if any(getattr(effect, n) != other for n, other in effect.structure({**drawn, name: value}).items()):
+            raise ValueError(
+                f"override of effect '{effect_id}': {name} {value:g} decides how the effect is built, once for all "
+                "experiments; draw it so, and remove the override"
+            )
 
     def _find(self, effect_id: str, name: str) -> tuple[int, int]:
         for index, placed in enumerate(self.effects):

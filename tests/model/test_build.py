@@ -153,6 +153,14 @@ def test_the_shape_of_a_hole_and_the_rings_of_a_bearing_decide_its_walls():
     assert counts == [1, 4, 2]
 
 
+@pytest.mark.parametrize(("drawn", "wanted"), [({}, 0.01), ({"bearing_length_m": 0.01}, 0.0)])
+def test_an_override_that_would_need_other_walls_than_drawn_is_refused(drawn, wanted):
+    model = build(pendulum(), [effect("play", "clearance", ["pin"], radial_m=1e-3, **drawn)])
+    assert model.overridden({"play": {"radial_m": 2e-3}})
+    with pytest.raises(ValueError, match=f"'play': bearing_length_m {wanted:g} decides how the effect is built"):
+        model.overridden({"play": {"bearing_length_m": wanted}})
+
+
 def test_a_capsule_reaches_from_a_bars_first_joint_to_its_last():
     meet = effect("meet", "link_contact", ["a1", "b1"], radius_a_m=0.005, radius_b_m=0.004)
     plant = system(build(scissor(3), [meet]))
