@@ -125,14 +125,17 @@ class Model(eqx.Module):
         return found
 
     def _check_built(self, effect_id: str, name: str, value: ParameterValue) -> None:
-        """Refuse what asks for another structure, such as the rings of a bearing that was drawn without a length."""
+        """Refuse what asks for another structure: the rings of a bearing that was drawn without a length, the axis
+        about which a link was cut.
+        """
         index, row = self._find(effect_id, name)
         effect = self.effects[index].effect
         drawn = {n: getattr(effect, n)[row] for n, d in effect.declarations().items() if d.size == 1}
         drawn |= {n: getattr(effect, n) for n in effect.choices()}
-        if any(getattr(effect, n) != other for n, other in effect.structure({**drawn, name: value}).items()):
+        cut = isinstance(effect, AbstractSection) and effect.declarations()[name].size > 1
+        if cut or any(getattr(effect, n) != other for n, other in effect.structure({**drawn, name: value}).items()):
             raise ValueError(
-                f"override of effect '{effect_id}': {name} {value:g} decides how the effect is built, once for all "
+                f"override of effect '{effect_id}': {name} {value} decides how the effect is built, once for all "
                 "experiments; draw it so, and remove the override"
             )
 
