@@ -13,6 +13,7 @@ from backend.effects.shapes import (
     AbstractBedFriction,
     AbstractDrag,
     AbstractDrawnError,
+    AbstractJointMotion,
     AbstractLinkContact,
     AbstractSection,
     AbstractSpringError,
@@ -74,10 +75,12 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     _check_bed(drawn, axes_W)
     up = -np.array(mechanism.gravity_m_per_s2, dtype=float)
     axes_W = axes_W or [up if up.any() else np.array([0.0, 0.0, 1.0])]
+    placed = tuple(_batches(mechanism.effects, topology, mechanism))
+    _check_paths(placed, topology)
     return Model(
         topology=topology,
         drawing=drawing,
-        effects=tuple(_batches(mechanism.effects, topology, mechanism)),
+        effects=placed,
         drawn_poses=jnp.asarray(poses),
         marker_points=jnp.array([m.position_m for m in mechanism.markers], dtype=float).reshape(-1, 3),
         marker_ids=tuple(m.id for m in mechanism.markers),
@@ -95,6 +98,19 @@ def _check_bed(drawn: Sequence[Effect], axes_W: list[np.ndarray]) -> None:
             f"effect '{on_bed[0]}': the joints turn about different axes, so no bed lies across all of them; "
             "remove it, or draw the joints' axes parallel"
         )
+
+
+def _check_paths(effects: Sequence[Placed], topology: Topology) -> None:
+    """Refuse a joint that is told twice where to be."""
+    told: dict[int, str] = {}
+    for placed in (p for p in effects if isinstance(p.effect, AbstractJointMotion)):
+        for row, (joint,) in zip(placed.rows, placed.places, strict=True):
+            if joint in told:
+                raise ValueError(
+                    f"effects '{told[joint]}' and '{placed.ids[row]}' both prescribe the motion of joint "
+                    f"'{topology.joint_ids[joint]}'; keep one of them"
+                )
+            told[joint] = placed.ids[row]
 
 
 def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism, near: Mapping[str, float]) -> Drawing:

@@ -123,13 +123,32 @@ class Model(eqx.Module):
         return found
 
     def overridden(self, overrides: Mapping[str, Mapping[str, ParameterValue]]) -> dict[Address, Any]:
-        """Values that an experiment sets otherwise than drawn, by address."""
-        return {
-            address: value
-            for effect_id, given in overrides.items()
-            for name, value in given.items()
-            for address in self.addresses(effect_id, name)
-        }
+        """Values that an experiment sets otherwise than drawn, by address.
+
+        Raises ValueError for a value with which the effect would have to be built otherwise than it is drawn.
+        """
+        found = {}
+        for effect_id, given in overrides.items():
+            for name, value in given.items():
+                for address in self.addresses(effect_id, name):
+                    self._check_built(*address, value)
+                    found[address] = value
+        return found
+
+    def _check_built(self, effect_id: str, name: str, value: ParameterValue) -> None:
+        """Refuse what asks for another structure: the rings of a bearing that was drawn without a length, the axis
+        about which a link was cut.
+        """
+        index, row = self._find(effect_id, name)
+        effect = self.effects[index].effect
+        drawn = {n: getattr(effect, n)[row] for n, d in effect.declarations().items() if d.size == 1}
+        drawn |= {n: getattr(effect, n) for n in effect.choices()}
+        cut = isinstance(effect, AbstractSection) and effect.declarations()[name].size > 1
+        if cut or any(getattr(effect, n) != other for n, other in effect.structure({**drawn, name: value}).items()):
+            raise ValueError(
+                f"override of effect '{effect_id}': {name} {value} decides how the effect is built, once for all "
+                "experiments; draw it so, and remove the override"
+            )
 
     def _find(self, effect_id: str, name: str) -> tuple[int, int]:
         for index, placed in enumerate(self.effects):

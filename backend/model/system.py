@@ -46,7 +46,7 @@ from backend.model.touches import Pads, Touches, bed_friction, pads, touches, to
 COMPLIANCE = 5e-11  # of a joint row, times the mass it holds [1]: 1e-14 brings self-stress, 1e-7 gives way
 STICK_RATE = 5e-6  # below this rate [rad/s, or mechanism lengths/s] dry friction holds: 0.2 m creep under 1 µm/s
 TOLERANCE = 1e-10  # error of a step's displacement, in mechanism lengths
-BARRIER = 1e-8  # energy [mechanism weight x length] that a stop spends to stay open
+BARRIER = 1e-8  # energy [mechanism weight x length] that a stop spends to stay open; less where it holds lighter bodies
 
 
 class System(eqx.Module):
@@ -72,6 +72,13 @@ class System(eqx.Module):
     """Hinges inside links that bend."""
 
     mass: Float[Array, "slots"]
+    joint_mass: Float[Array, "joints"]
+    """What a joint holds: the geometric mean of its moving bodies, but no more than the mechanism's typical mass [kg].
+
+    Heavy neighbours must not decide what is little for a light body.
+    """
+    touch_mass: Float[Array, "touches"]
+    """The same of links that may meet."""
     inertia: Float[Array, "slots 3 3"]
     center_of_mass: Float[Array, "bodies 3"]
     stretch: Float[Array, "bodies 3 3"]
@@ -189,6 +196,8 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         driven=driven,
         sections=tuple(sorted(int(j) for placed in sections for j in placed.at())),
         mass=drawing.mass[:slots],
+        joint_mass=jnp.zeros(joints),
+        touch_mass=jnp.zeros(len(topology.touches)),
         inertia=drawing.inertia[:slots],
         center_of_mass=center.at[slots:].set(0.0),
         stretch=drawing.stretch,
@@ -233,6 +242,8 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
             s.point_a,
             s.point_b,
             s.compliance,
+            s.joint_mass,
+            s.touch_mass,
             s.strut_a,
             s.strut_b,
             s.markers,
@@ -244,6 +255,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
             point_a,
             point_b,
             _compliance(made, pairs, point_a, point_b),
+            *(jnp.minimum(jnp.exp(_mean_mass(made, held)), scale.mass_kg) for held in (pairs, met)),
             made.point(ends[:, 0], _joined([a for a, _ in anchors], (0, 3))),
             made.point(ends[:, 1], _joined([b for _, b in anchors], (0, 3))),
             made.point(np.array(model.marker_bodies, dtype=int), marker_points(model)),
@@ -272,14 +284,17 @@ def _compliance(made: System, pairs: np.ndarray, point_a: Array, point_b: Array)
     """
     slots = made.topology.slots
     gyration_square = jnp.trace(made.inertia, axis1=1, axis2=2) / (3 * made.mass)
-    mass = jnp.append(made.mass, 1.0)[np.minimum(pairs, slots)]
     square = jnp.append(gyration_square, 1.0)[np.minimum(pairs, slots)]
     square = square + jnp.stack([jnp.sum(point_a**2, -1), jnp.sum(point_b**2, -1)], -1)
-    moving = pairs < slots
-    mean_mass = jnp.exp(_mean_where(moving, jnp.log(mass)))
-    mean_square = _mean_where(moving, square)
-    linear = COMPLIANCE / mean_mass
+    mean_square = _mean_where(pairs < slots, square)
+    linear = COMPLIANCE / jnp.exp(_mean_mass(made, pairs))
     return jnp.concatenate([jnp.tile(linear[:, None], 3), jnp.tile((linear / mean_square)[:, None], 3)], -1)
+
+
+def _mean_mass(made: System, pairs: np.ndarray) -> Array:
+    """Mean logarithm of the masses on the moving sides."""
+    slots = made.topology.slots
+    return _mean_where(pairs < slots, jnp.log(jnp.append(made.mass, 1.0)[np.minimum(pairs, slots)]))
 
 
 def _mean_where(mask: np.ndarray, values: Array) -> Array:

@@ -82,9 +82,14 @@ def _redundancy_json(run: Run) -> dict[str, Any] | None:
 
 
 def _remarks(run: Run) -> list[str]:
-    """What is redundant, and how that was dealt with."""
+    """What is redundant, and how that was dealt with; steps that were solved in pieces."""
     said = [run.redundancy.sentence()] if run.redundancy else []
     said += [run.kept.sentence(len(run.time_s) - 1)] if run.kept else []
+    if run.cut:
+        said.append(
+            f"{run.cut} of {len(run.time_s) - 1} steps had to be cut to be solved; in them blows give nothing back "
+            f"and friction may lag: try a smaller step than {run.step_s:g} s"
+        )
     return [sentence for sentence in said if sentence]
 
 

@@ -47,8 +47,6 @@ class Motion(eqx.Module):
     q: Float[Array, "joints"]
     rate: Float[Array, "joints"]
     """Of the joints' coordinates in the step before."""
-    lengthening: Float[Array, "struts"]
-    """Rate of the struts in the step before."""
     borne: Float[Array, "joints"]
     """Share of its limit that dry friction bears, against the coordinate, -1 to 1."""
     opening: Float[Array, "walls"]
@@ -83,8 +81,6 @@ class Frame(NamedTuple):
     """Momentum brought in, and impulse of the forces."""
     before: BodyRows
     """Velocity in the step before."""
-    lengthening: Float[Array, "struts"]
-    """Rate of the struts in the step before."""
     drive: Drive
     meeting: meeting.Meeting
     """Links that touch, and bodies on the bed."""
@@ -156,7 +152,6 @@ def frame(
         lines.slope,
         motion.momentum + weight * force,
         motion.velocity,
-        motion.lengthening,
         drive,
         meeting.meet(
             system, bodies, motion.parting, motion.impulses.touches.normal, step_s, weight, most.touches, piece
@@ -248,7 +243,7 @@ def softened(at: Frame, factor: float | Array) -> Frame:
     return at._replace(drive=drive, meeting=meet)
 
 
-def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> tuple[Unknowns, There]:
+def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Bounds) -> tuple[Unknowns, There]:
     """Residuals of momentum and of the joints' laws, and the mechanism at q_{k+1}."""
     xi, impulses = unknowns
     there = ahead(system, at, xi)
@@ -258,13 +253,12 @@ def equations(system: System, at: Frame, unknowns: Unknowns, barrier: Array) -> 
     if system.drags:
         balance = balance - at.weight_s * forces.drag(system, at.bodies, _mean_velocity(at, xi))
     if system.topology.struts:
-        rate = lengthening(system, at.strut_slope, xi) / at.step_s
-        pull = -0.5 * at.weight_s * system.strut_damping * (rate + at.lengthening)
+        pull = -at.weight_s * system.strut_damping * _lengthening(system, at.strut_slope, _mean_velocity(at, xi))
         table = system.topology.strut_sides
         balance = balance - forces.collect(table, pull[:, None] * at.strut_slope)
-    asked = law.residual(system, at.drive, there.moved, impulses, barrier)
+    asked = law.residual(system, at.drive, there.moved, impulses, barrier.walls)
     if system.touches.count or system.pads.count:
-        asked, pushed = meeting.residual(system, at.meeting, xi, asked, barrier)
+        asked, pushed = meeting.residual(system, at.meeting, xi, asked, barrier.touches)
         balance = balance - pushed
     return Unknowns(balance, asked), there
 
@@ -280,9 +274,9 @@ def ahead(system: System, at: Frame, xi: BodyRows) -> There:
     return There(bodies, rows, jnp.where(system.coordinate_rows, moved, rows.value))
 
 
-def lengthening(system: System, strut_slope: Float[Array, "struts 12"], xi: BodyRows) -> Float[Array, "struts"]:
-    """How far each strut lengthens in a step, to first order."""
-    return jnp.sum(strut_slope * _of_pairs(system, system.topology.struts, xi), -1)
+def _lengthening(system: System, strut_slope: Float[Array, "struts 12"], velocity: BodyRows) -> Float[Array, "struts"]:
+    """Rate at which each strut lengthens under a velocity of the bodies."""
+    return jnp.sum(strut_slope * _of_pairs(system, system.topology.struts, velocity), -1)
 
 
 def linearise(system: System, at: Frame, unknowns: Unknowns, led: There) -> Linearised:

@@ -204,8 +204,8 @@ def _dry_limit(system: System, drive: Drive, rows: Array) -> Array:
 
 
 def _load(system: System, drive: Drive, rows: Array) -> Array:
-    """Radial impulse; a millionth of the mechanism's weight keeps its slope finite."""
-    weight = system.scale.mass_kg * system.scale.gravity_m_per_s2
+    """Radial impulse; a millionth of the weight that the joint holds keeps its slope finite."""
+    weight = system.joint_mass * system.scale.gravity_m_per_s2
     return jnp.sqrt(jnp.sum(rows[:, :2] ** 2, -1) + (drive.step_s * 1e-6 * weight) ** 2)
 
 

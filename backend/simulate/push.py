@@ -11,7 +11,8 @@ from backend.model.system import System
 from backend.simulate import kinematics, law
 from backend.simulate.momentum import BodyRows
 
-FAINT = 1e-6  # weight of joints that are not pushed: they move only as the loops ask, to this accuracy
+FAINT = 1e-6  # weight of joints that are not pushed: they move only as the loops ask
+AGAIN = 3  # times that pushed joints are asked for what they lack: near a dead centre others go 100 times as fast
 UNSEEN = 1e-13  # of free motions that no joint shows
 
 
@@ -32,7 +33,12 @@ def pushed(system: System, pose: Pose, motions: Float[Array, "mobility slots 6"]
             named[joint] = True
     weight = jnp.where(named, 1.0, FAINT) * unit**2
     square = rates.T @ (weight[:, None] * rates) + UNSEEN * jnp.eye(rates.shape[1])
-    return jnp.einsum("m,mbi->bi", jnp.linalg.solve(square, rates.T @ (weight * wanted)), motions)
+    share, asked = jnp.zeros(rates.shape[1]), jnp.zeros(len(turning))
+    for _ in range(1 + AGAIN):
+        lacking = jnp.where(named, wanted - rates @ share, 0.0)
+        asked = asked + lacking
+        share = jnp.linalg.solve(square, rates.T @ (weight * asked))
+    return jnp.einsum("m,mbi->bi", share, motions)
 
 
 def _first(system: System) -> int:

@@ -10,9 +10,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.state import Pose, Start
 from backend.model.system import System
-from backend.simulate import contact, forces, giving, kinematics, law, meeting, touch
+from backend.simulate import contact, giving, kinematics, law, meeting, touch
 from backend.simulate.contact import Push
-from backend.simulate.equations import Motion, lengthening, refreshed
+from backend.simulate.equations import Motion, refreshed
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
@@ -54,7 +54,6 @@ def depart(system: System, start: Start) -> Motion:
     """The motion that begins at a start: no step led here, so the first one carries half a step's impulses."""
     bodies = kinematics.bodies(system, start.pose)
     rows = kinematics.rows(system, bodies)
-    _, strut_slope = forces.strut_lines(system, bodies)
     joints, walls, places = len(system.coordinate), system.contacts.count, touch.PLACES * system.touches.count
     rates = all_rates(system, rows.jacobian, start.velocity)
     return Motion(
@@ -68,7 +67,6 @@ def depart(system: System, start: Start) -> Motion:
         acceleration=jnp.zeros_like(start.velocity),
         q=kinematics.coordinates(system, bodies),
         rate=law.displacement(system, rates),
-        lengthening=lengthening(system, strut_slope, start.velocity),
         borne=jnp.zeros(joints),
         opening=_opening(system, rows.value, rates),
         parting=meeting.partings(

@@ -77,6 +77,8 @@ class Run:
     redundancy: Redundancy | None = None
     """At the start; None where held rows were too many to look.  kept: which rows were let go, and when."""
     kept: Kept | None = None
+    cut: int = 0
+    """Steps that had to be cut to be solved."""
 
     @property
     def done(self) -> bool:
@@ -274,6 +276,7 @@ def as_run(name: str, model: Model, plant: System, path: Trajectory, step_s: flo
         iterations=np.asarray(path.iterations),
         standing=dict(zip(topology.fixed_ids, np.asarray(model.drawn_poses)[len(topology.body_ids) :], strict=True)),
         result=_result(plant, path, step_s),
+        cut=int((np.asarray(path.halvings) > 0).sum()),
     )
 
 

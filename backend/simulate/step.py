@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
@@ -20,7 +21,6 @@ from backend.simulate.equations import (
     direction,
     equations,
     frame,
-    lengthening,
     linearise,
     refreshed,
     softened,
@@ -37,6 +37,7 @@ STAGES = 20  # problems between a soft one and the one that is asked, at most
 SOFTEST = 1e8  # factor on the rate below which friction holds: all friction is then a faint damping
 HAZIEST = 1e4  # factor on the barrier of soft problems, at most
 FALL = 0.1  # of the softness from stage to stage; its root where that was too bold
+STILL = 1e-15  # error, in mechanism lengths, of a guess that needs no iteration: rounding, as at rest
 LOOSE = 1e-6  # error, in mechanism lengths, that a stage may leave to the next
 ENOUGH = 1e-4  # share of the linear fall of the merit that an iteration must bring
 SHORTEST = 0.02  # share of an iteration's change below which no better point is sought
@@ -127,7 +128,8 @@ def _walk(
     system: System, asked: Frame, softness: float | Array, begin: Unknowns, most: int | Array, enough: float | Array
 ) -> Solved:
     """Newton's method on one problem."""
-    at, barrier = softened(asked, softness), _barrier(system, asked) * jnp.minimum(softness, HAZIEST)
+    at, haze = softened(asked, softness), jnp.minimum(softness, HAZIEST)
+    barrier = jax.tree.map(lambda sharp: sharp * haze, _barrier(system, asked))
     interior = bool(system.contacts.count or system.touches.count)
 
     def looked(unknowns: Unknowns, iterations: int | Array) -> _Point:
@@ -136,7 +138,9 @@ def _walk(
         return _Point(unknowns, residual, there, jnp.asarray(iterations), error, merit)
 
     def unfinished(now: _Point) -> Bool[Array, ""]:
-        return (now.error > enough) & (now.iterations < most)
+        # A guess lags behind what moves: taken as good enough it would drop as much of the momentum in every step.
+        lagging = (now.iterations == 0) & (now.error > STILL)
+        return ((now.error > enough) | lagging) & (now.iterations < most)
 
     def iterate(now: _Point) -> _Point:
         change, _ = direction(system, linearise(system, at, now.unknowns, now.there), now.residual)
@@ -165,15 +169,15 @@ def _walk(
     return Solved(end.unknowns, end.there, end.iterations, end.error)
 
 
-def _moved(at: Frame, unknowns: Unknowns, change: Unknowns, share: float | Array, barrier: Array) -> Unknowns:
+def _moved(at: Frame, unknowns: Unknowns, change: Unknowns, share: float | Array, barrier: Bounds) -> Unknowns:
     """Unknowns moved by a share of a change, walls along their curve."""
     xi, impulses = unknowns
     by = change.impulses
     walls, touches = impulses.walls, impulses.touches
     if walls.normal.size:
-        walls = contact.along_path(at.drive.reach, walls, by.walls, share, barrier)
+        walls = contact.along_path(at.drive.reach, walls, by.walls, share, barrier.walls)
     if touches.normal.size:
-        touches = contact.along_path(at.meeting.reach, touches, by.touches, share, barrier)
+        touches = contact.along_path(at.meeting.reach, touches, by.touches, share, barrier.touches)
     return Unknowns(
         _shortened(xi + share * change.xi),
         Impulses(impulses.rows + share * by.rows, walls, touches, impulses.pads + share * by.pads),
@@ -235,7 +239,6 @@ def step(
         acceleration=(velocity - motion.velocity) / at.weight_s,
         q=lax.stop_gradient(q),
         rate=law.displacement(system, there.moved) / step_s,
-        lengthening=lengthening(system, at.strut_slope, xi) / step_s,
         borne=law.borne(at.drive, law.displacement(system, there.moved)),
         opening=rate.walls,
         parting=rate.touches,
@@ -250,10 +253,10 @@ def _accounts(system: System, at: Frame, motion: Motion, impulses: Impulses, rat
     inside, between = at.drive.reach, at.meeting.reach
     gap, room = contact.gap(system.contacts, inside.room, inside.here), between.room
     ahead = Bounds(gap + at.step_s * rate.walls, room + at.step_s * rate.touches)
-    own, taken, barrier = (motion.opening, rate.walls), motion.taken, system.barrier
-    walls = giving.account(inside, impulses.walls, ahead.walls, own, taken.walls, barrier)
+    own, taken, barrier = (motion.opening, rate.walls), motion.taken, _energy(system)
+    walls = giving.account(inside, impulses.walls, ahead.walls, own, taken.walls, barrier.walls)
     own = motion.parting, rate.touches
-    touches = giving.account(between, impulses.touches, ahead.touches, own, taken.touches, barrier)
+    touches = giving.account(between, impulses.touches, ahead.touches, own, taken.touches, barrier.touches)
     return Bounds(walls[0], touches[0]), Bounds(walls[1], touches[1])
 
 
@@ -269,22 +272,28 @@ def _guess(system: System, at: Frame, motion: Motion) -> Unknowns:
     xi = _shortened(at.step_s * (motion.velocity + at.step_s * motion.acceleration))
     impulses, barrier = motion.impulses, _barrier(system, at)
 
-    def begun(reach: Reach, gap: Array, push: Push) -> Push:
+    def begun(reach: Reach, gap: Array, push: Push, barrier: Array) -> Push:
         return contact.on_path(reach, reach.ease * push.normal - (2 * gap - reach.back), push.rub, barrier)
 
     if system.contacts.count:
         reach = at.drive.reach
         gap = contact.gap(system.contacts, reach.room, reach.here)
-        impulses = impulses._replace(walls=begun(reach, gap, impulses.walls))
+        impulses = impulses._replace(walls=begun(reach, gap, impulses.walls, barrier.walls))
     if system.touches.count:
         reach = at.meeting.reach
-        impulses = impulses._replace(touches=begun(reach, reach.room, impulses.touches))
+        impulses = impulses._replace(touches=begun(reach, reach.room, impulses.touches, barrier.touches))
     return Unknowns(xi, lax.stop_gradient(impulses))
 
 
-def _barrier(system: System, at: Frame) -> Array:
+def _barrier(system: System, at: Frame) -> Bounds:
     """κ is an energy times the step, so that impacts stay inelastic as the step shrinks."""
-    return system.barrier * at.step_s
+    return jax.tree.map(lambda energy: energy * at.step_s, _energy(system))
+
+
+def _energy(system: System) -> Bounds:
+    """What each wall spends to stay open [J], by the mass that it holds."""
+    each = system.barrier / system.scale.mass_kg
+    return Bounds(each * system.joint_mass[system.contacts.at], each * jnp.repeat(system.touch_mass, touch.PLACES))
 
 
 def _size(
@@ -296,17 +305,23 @@ def _size(
     linear_part = jnp.abs(residual.xi[:, :3]) * (at.step_s / length / system.mass[:, None])
     turning = jnp.abs(residual.xi[:, 3:]) * (at.step_s / length / jnp.sqrt(inertia * system.mass)[:, None])
     row_scale = jnp.array([1 / length] * 3 + [1.0] * 3)
-    impulse = at.step_s / (system.scale.mass_kg * length**2)
-    held = law.held(system)
+    per_mass, held = at.step_s / length, law.held(system)
+    impulse = (per_mass / length / system.joint_mass)[:, None]
     rows = jnp.abs(residual.impulses.rows) * jnp.where(held, row_scale, impulse)
-    parts, rubs, slides = [linear_part, turning, rows, jnp.abs(residual.impulses.pads) * impulse * length], [], []
+    padded = jnp.minimum(system.mass, system.scale.mass_kg)[np.array(system.pads.bodies, dtype=int)]
+    parts, rubs, slides = (
+        [linear_part, turning, rows, jnp.abs(residual.impulses.pads) * per_mass / padded[:, None]],
+        [],
+        [],
+    )
     now, left = unknowns.impulses, residual.impulses
-    groups = [(system.contacts, at.drive.reach, now.walls, left.walls)]
+    groups = [(system.contacts, at.drive.reach, now.walls, left.walls, system.joint_mass[system.contacts.at])]
     if system.touches.count:
-        groups.append((touch.walls(system), at.meeting.reach, now.touches, left.touches))
-    for contacts, reach, push, off in groups:
+        mass = jnp.repeat(system.touch_mass, touch.PLACES)
+        groups.append((touch.walls(system), at.meeting.reach, now.touches, left.touches, mass))
+    for contacts, reach, push, off, mass in groups:
         parts.append(jnp.abs(off.normal) / length)
-        rub = jnp.abs(off.rub) * impulse * length
+        rub = jnp.abs(off.rub) * per_mass / mass
         slid = TOLERANCE / SLID * contact.slid(contacts, reach, push, off.rub) / reach.stick
         rubs.append(rub)
         slides.append(jnp.minimum(rub, slid))

@@ -311,6 +311,10 @@ FAULTS = {
         effect("extension_spring", "all", anchor_a_m=[0, 0, 0], anchor_b_m=[0, 0, 1], stiffness_n_per_m=1),
         ['effect "x"', '"all"', "extension_spring", '"link1"'],
     ),
+    "a push to nowhere": (
+        effect("applied_force", ["link1"], force_n=1.0, direction=[0, 0, 0]),
+        ['effect "x"', "direction has length 0", "write a vector"],
+    ),
     "stops the wrong way round": (
         effect("joint_stop", ["j1"], lower=0.1, upper=-0.1),
         ['effect "x"', "lower 0.1 is above upper -0.1", "swap"],

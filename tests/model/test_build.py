@@ -161,12 +161,32 @@ def test_two_clearances_at_one_joint_are_refused():
         system(build(pendulum(), plays))
 
 
+def test_a_joint_that_is_told_twice_where_to_be_is_refused_by_name():
+    paths = [effect(name, "prescribed_motion", ["pin"]) for name in "ab"]
+    with pytest.raises(ValueError, match="effects 'a' and 'b' both prescribe the motion of joint 'pin'; keep one"):
+        build(pendulum(), paths)
+
+
 def test_the_shape_of_a_hole_and_the_rings_of_a_bearing_decide_its_walls():
     counts = []
     for given in ({}, {"shape": "rectangle"}, {"bearing_length_m": 0.01}):
         play = effect("play", "clearance", ["pin"], radial_m=1e-3, **given)
         counts.append(system(build(pendulum(), [play])).contacts.count)
     assert counts == [1, 4, 2]
+
+
+@pytest.mark.parametrize(("drawn", "wanted"), [({}, 0.01), ({"bearing_length_m": 0.01}, 0.0)])
+def test_an_override_that_would_need_other_walls_than_drawn_is_refused(drawn, wanted):
+    model = build(pendulum(), [effect("play", "clearance", ["pin"], radial_m=1e-3, **drawn)])
+    assert model.overridden({"play": {"radial_m": 2e-3}})
+    with pytest.raises(ValueError, match=f"'play': bearing_length_m {wanted} decides how the effect is built"):
+        model.overridden({"play": {"bearing_length_m": wanted}})
+
+
+def test_an_override_of_the_axis_about_which_a_link_was_cut_is_refused():
+    model = build(pendulum(effects=[effect("bend", "link_flexibility", ["link"], stiffness_n_m_per_rad=5.0)]))
+    with pytest.raises(ValueError, match=r"'bend': axis .* decides how the effect is built"):
+        model.overridden({"bend": {"axis": (0.0, 1.0, 0.0)}})
 
 
 def test_a_capsule_reaches_from_a_bars_first_joint_to_its_last():

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from backend.mechanism.read import parse_mechanism
 from backend.model.build import build
-from tests.mechanisms import effect, sliding_mass
+from tests.mechanisms import body, document, effect, sliding_mass
 from tests.motions import follow
 
 STEP_S, STEPS, SPEED, END = 1e-3, 1000, 0.8, 0.2
@@ -32,6 +34,22 @@ def test_a_block_that_hits_its_stop_stays_there(speed, end):
 def test_a_blow_takes_the_energy_however_short_the_step(step_s):
     motion = hit(0.5 * END / (step_s * STEPS) * 4, step_s=step_s)
     assert motion.kinetic[-1] < 1e-3 * motion.kinetic[0]
+
+
+def test_a_block_stops_alike_beside_a_heavy_one_that_nothing_joins_to_it():
+    stop = effect("stop", "joint_stop", ["rail"], upper=END)
+    rub = effect("rub", "coulomb_friction", ["rail"], friction_force_n=0.05)
+    alone = document(sliding_mass([stop, rub], gravity=(1.0, 0.0, 0.0)))
+
+    def beside(mass):
+        (rail,) = alone["joints"]
+        other = body("other", (0, 0, 0), Rotation.identity(), mass, mass * np.array([4e-4, 6e-4, 8e-4]))
+        joints = [rail, {**rail, "id": "more", "body_b": "other"}]
+        drawn = alone | {"bodies": [*alone["bodies"], other], "joints": joints}
+        return follow(build(parse_mechanism(drawn)), STEP_S, STEPS).path.q[:, 0]
+
+    # What is little for the heavy one kept the light one up to 0.7 mm off its stop.
+    np.testing.assert_allclose(beside(5e5), beside(0.5), rtol=0, atol=1e-8)
 
 
 def test_a_block_pressed_on_its_stop_rests_on_it_with_its_weight():

@@ -8,9 +8,10 @@ import pytest
 from backend.model.build import build
 from backend.model.state import Start, drawn_pose
 from backend.model.system import system
+from backend.report.run_summary import summary_json
 from backend.simulate.rollout import rollout
 from backend.simulate.run import simulate
-from tests.mechanisms import double_pendulum, effect, fourbar
+from tests.mechanisms import WEIGHTLESS, double_pendulum, effect, fourbar, pendulum
 from tests.motions import stacked, still
 
 STEP_S, STEPS = 1e-3, 300
@@ -96,3 +97,10 @@ def test_one_lost_sample_does_not_spoil_a_batch():
     assert not path.lost[0].any()
     assert path.lost[1].all()
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(path) if leaf.dtype == float)
+
+
+def test_a_summary_tells_of_steps_that_had_to_be_cut():
+    spin = effect("spin", "release_velocity", ["pin"], rad_per_s=1500.0)
+    run = simulate(pendulum(effects=[spin], gravity=WEIGHTLESS), 0.004)  # a step turns by one radian at most
+    assert run.done
+    assert "steps had to be cut to be solved" in "".join(summary_json(run)["remarks"])
