@@ -313,7 +313,7 @@ FAULTS = {
     ),
     "a push to nowhere": (
         effect("applied_force", ["link1"], force_n=1.0, direction=[0, 0, 0]),
-        ['effect "x"', "direction has length 0", "write a vector"],
+        ['effect "x"', "direction has length 0", "give a vector"],
     ),
     "stops the wrong way round": (
         effect("joint_stop", ["j1"], lower=0.1, upper=-0.1),
