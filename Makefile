@@ -12,11 +12,18 @@ INSTALLED := $(VENV)/.installed
 demo: $(INSTALLED)
 	$(BIN)/linktwin demo --out out/demo
 
-test: $(INSTALLED)
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadscope --no-loadscope-reorder tests
+# Each of the many processes that tests start would otherwise compile the same packages' Python again.
+unexport PYTHONDONTWRITEBYTECODE
 
-# Forty studies of hidden causes, made by other engines, diagnosed and scored; goes on where it was stopped.
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadscope --no-loadscope-reorder tests
+
+test: $(INSTALLED)
+	$(PYTEST) -m "not nightly"
+
+# Tests that take minutes; then forty studies of hidden causes, made by other engines, diagnosed and scored, which goes on
+# where it was stopped.
 nightly: $(INSTALLED)
+	$(PYTEST) -m nightly
 	$(BIN)/linktwin blind --n 40 --seed 7 --mechanism pendulum --workers $(WORKERS) --out out/nightly
 
 lint: $(INSTALLED)

@@ -1,5 +1,7 @@
 """Fits of a four-bar that SciPy moved and a distorted, tilted camera saw: in pixels, and in metres."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,7 @@ def fit(truth, tmp_path_factory):
     """seed, options -> the fit of the crank's friction to one clip; all of them share one compiled program."""
     from backend.fit.fit_study import fit_study
 
+    @cache
     def one(seed, **options):
         experiment = filmed(tmp_path_factory.mktemp("clip"), np.random.default_rng(seed), truth, **options)
         return fit_study(Study(rig(), (experiment,)), ["viscous_friction:j-pivot"], profiles=False)

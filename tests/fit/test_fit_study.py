@@ -1,6 +1,7 @@
 """Fits of a pendulum whose reality is SciPy's integrator, not ours."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -200,24 +201,33 @@ def test_a_cancelled_fit_says_so_and_does_not_pretend(study):
     assert "Cancelled" in result.report.message
 
 
-@pytest.fixture
-def counted(monkeypatch):
-    """How many times whole studies were simulated."""
+@pytest.fixture(scope="module")
+def counted(study):
+    """options -> a fit with them, and how many times it simulated the whole study."""
+    from backend.fit.fit_study import fit_study
     from backend.fit.residual import Residuals
 
-    calls, evaluate = [], Residuals.evaluate
-    monkeypatch.setattr(Residuals, "evaluate", lambda *given: calls.append(0) or evaluate(*given))
-    return calls
+    def fit(**options):
+        calls, evaluate = [], Residuals.evaluate
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Residuals, "evaluate", lambda *given: calls.append(0) or evaluate(*given))
+            return fit_study(study, FREE, profiles=False, **options), len(calls)
+
+    return fit
+
+
+@pytest.fixture(scope="module")
+def left_alone(counted):
+    """The same for fits that nobody kills, each done once."""
+    return cache(counted)
 
 
 @pytest.mark.parametrize(
     ("iteration", "options"),
     [(4, {}), (11, {}), (7, {"derivatives": "adjoint"}), (11, {"starts": 1})],
 )
-def test_a_fit_that_was_killed_goes_on_where_it_was(study, fitted, counted, tmp_path, iteration, options):
-    from backend.fit.fit_study import fit_study
-
-    kept, steps, options = tmp_path / "kept" / "fit.checkpoint.json", [], {"profiles": False, **options}
+def test_a_fit_that_was_killed_goes_on_where_it_was(fitted, counted, left_alone, tmp_path, iteration, options):
+    kept, steps = tmp_path / "kept" / "fit.checkpoint.json", []
 
     def die(fraction, words):
         steps.extend(["iteration"] * ("iteration" in words))
@@ -225,14 +235,11 @@ def test_a_fit_that_was_killed_goes_on_where_it_was(study, fitted, counted, tmp_
             raise MemoryError
 
     with pytest.raises(MemoryError):
-        fit_study(study, FREE, checkpoint=kept, progress=die, **options)
+        counted(checkpoint=kept, progress=die, **options)
     assert kept.is_file()
-    counted.clear()
-    resumed = fit_study(study, FREE, checkpoint=kept, resume=True, **options)
-    rest = len(counted)
-    counted.clear()
-    whole = fit_study(study, FREE, **options)
-    assert rest < len(counted)
+    resumed, rest = counted(checkpoint=kept, resume=True, **options)
+    whole, all_ = left_alone(**options)
+    assert rest < all_
     assert resumed.report.converged
     sd = fitted[0].uncertainty.sd[:3]
     # Both stop where no step gains a millionth of an objective of some 700: within 0.04 sd of the optimum each.

@@ -11,12 +11,18 @@ from backend.model.build import build
 from backend.model.state import drawn_pose
 from backend.simulate.assemble import closed
 from tests.jam import cases
+from tests.jam.weak import weak_bar
 
 TORQUE, DRY = ("drive", "torque_n_m"), ("dry", "friction_torque_n_m")
 
 
-def test_a_drive_is_held_by_friction_above_it_and_by_none_below():
-    model = build(cases.weak_drive(0.01))
+@pytest.mark.parametrize(
+    "drawn",
+    [weak_bar, pytest.param(cases.weak_drive, marks=pytest.mark.nightly)],
+    ids=["bare", "beside a post and an end"],
+)
+def test_a_drive_is_held_by_friction_above_it_and_by_none_below(drawn):
+    model = build(drawn(0.01))
     drives = np.array([0.005, 0.0099, 0.0101, 0.02, 0.0])
     samples = np.stack([drives, np.full(5, 0.01)], 1)
     found = [(where, seen) for where, seen in verdicts(model, [TORQUE, DRY], samples, 0.3, chunk=4)]
@@ -30,7 +36,7 @@ def test_a_drive_is_held_by_friction_above_it_and_by_none_below():
 
 def test_samples_of_another_width_are_refused():
     with pytest.raises(ValueError, match="one column for each of 2"):
-        next(verdicts(build(cases.weak_drive(0.01)), [TORQUE, DRY], np.zeros((3, 1))))
+        next(verdicts(build(weak_bar()), [TORQUE, DRY], np.zeros((3, 1))))
 
 
 @pytest.mark.parametrize(("shorter", "closes"), [(0.05, True), (0.89, False)])

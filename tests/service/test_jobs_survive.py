@@ -45,7 +45,7 @@ def test_a_job_tells_its_progress_and_then_its_result(served, drawing):
 
 
 def test_a_killed_worker_loses_no_job_and_its_process_dies_with_it(served, drawing):
-    id = served.start(drawing, duration_s=3.0)
+    id = served.start(drawing, duration_s=3.0, threshold=0.75)
     served.running(id)
     process = int((served.folder / "ledger").read_text().splitlines()[-1].split()[2])
     for pid in served.processes("backend.service.jobs"):
@@ -118,7 +118,7 @@ def test_a_process_that_is_killed_from_outside_is_begun_again(served, drawing):
 
 
 def test_a_worker_that_is_stopped_is_ended_and_another_takes_its_job(served, drawing):
-    id = served.start(drawing, duration_s=15.0)
+    id = served.start(drawing, duration_s=15.0, threshold=0.75)
     worker = _worker_of(served, id)
     os.kill(worker, signal.SIGSTOP)  # perhaps with the records' lock in its hands
     until("another worker takes the job", lambda: served.job(id)["attempt"] == 2)
@@ -127,7 +127,7 @@ def test_a_worker_that_is_stopped_is_ended_and_another_takes_its_job(served, dra
 
 
 def test_a_worker_taken_for_dead_ends_itself_and_cannot_speak_twice(served, drawing):
-    id = served.start(drawing, duration_s=5.0)
+    id = served.start(drawing, duration_s=5.0, threshold=0.75)
     worker = _worker_of(served, id)
     with closing(sqlite3.connect(served.folder / "data" / "records.sqlite", timeout=30)) as records, records:
         records.execute("UPDATE worker SET ended = ? WHERE pid = ?", (time.time(), worker))
@@ -158,7 +158,7 @@ def _children(pid: int) -> list[int]:
 def test_everything_killed_at_once_goes_on_at_the_next_start(tmp_path):
     settings = settings_in(tmp_path, workers=1)
     with serving(tmp_path, settings) as first:
-        ids = [first.start(first.store(), duration_s=2.0) for _ in range(2)]
+        ids = [first.start(first.store(), duration_s=2.0, threshold=0.75) for _ in range(2)]
         first.running(ids[0])
         os.kill(first.supervisor.pid, signal.SIGKILL)
         first.supervisor.wait()
