@@ -84,7 +84,8 @@ def test_walls_that_are_stated_leave_the_interval_to_the_noise():
     report = fitted(STATED, STATED)
     play = report.parameters[0]
     assert report.unstated == ()
-    assert (play.ci95[1] - play.ci95[0]) == pytest.approx(2 * 1.959964 * play.sd, rel=1e-6)
+    # Beside the noise it allows for what half the step changes, here next to nothing.
+    assert (play.ci95[1] - play.ci95[0]) == pytest.approx(2 * 1.959964 * play.sd, rel=0.01)
     assert play.ci95[0] < PLAY_M < play.ci95[1]
 
 
