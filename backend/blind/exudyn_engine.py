@@ -65,7 +65,7 @@ def simulate_exudyn(
     drawing = read_drawing(mechanism, inputs, engine="Exudyn", kinds=KINDS)
     start = assemble(drawing, initial_joint_positions)
     set_in_motion(drawing, start, initial_joint_velocities)
-    keep = [] if explicit else _kept_rows(drawing, start, redundant_rows)
+    keep = None if explicit else _kept_rows(drawing, start, redundant_rows)
     every = output_step_s or step_s
     rubs = any(joint.friction or joint.rub_radius for joint in drawing.joints)
     touches = bool(drawing.capsules or drawing.pads) or any(joint.play for joint in drawing.joints)
@@ -75,8 +75,10 @@ def simulate_exudyn(
     def solved(step: float, until_s: float = duration_s) -> tuple[np.ndarray, Poses]:
         kind, stiff = (PlanarModel, EXPLICIT_WALLS) if explicit else (ExudynModel, Walls())
         build = kind(exudyn.SystemContainer(), drawing, start, friction_creep, step, rates, walls or stiff)
-        build.everything(None if explicit else keep)
-        settings = _settings(until_s, step, min(every, until_s), spectral_radius, keep is None, rubs, touches)
+        build.everything(keep)
+        settings = _settings(
+            until_s, step, min(every, until_s), spectral_radius, keep is None and not explicit, rubs, touches
+        )
         solver = exudyn.DynamicSolverType
         try:
             build.mbs.Assemble()

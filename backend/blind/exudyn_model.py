@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from backend.blind.contacts import Capsules
 from backend.blind.drawing import Drag, Drawing, DrawnJoint, Drive, Push, Strut
 from backend.blind.exudyn_contact import Walls, add_capsules, add_pads, add_play
 from backend.blind.peer import peer
@@ -65,8 +66,7 @@ class ExudynModel:
             self._drag(drag)
         for pads in self.drawing.pads:
             add_pads(self, pads)
-        for pair in self.drawing.capsules:
-            add_capsules(self, pair)
+        self._touching(self.drawing.capsules)
 
     def recorded(self) -> tuple[np.ndarray, Poses]:
         """Times and poses that the sensors stored."""
@@ -160,6 +160,10 @@ class ExudynModel:
         )
         self.held[joint.id] = joint, self.mbs.AddSensor(sensor)
         return made
+
+    def _touching(self, pairs: list[Capsules]) -> None:
+        for pair in pairs:
+            add_capsules(self, pair)
 
     def _still(self, i: int) -> bool:
         return i < 0 or self.bodies[i] is None

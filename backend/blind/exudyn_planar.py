@@ -31,12 +31,7 @@ class PlanarModel(ExudynModel):
             _suits(self.drawing, self.poses, joint)
         if self.drawing.pushes:
             raise ValueError("explicit steps know no external forces; leave them out, or explicit=False")
-        pairs = list(self.drawing.capsules)
-        self.drawing.capsules.clear()
         super().everything(keep)
-        self.drawing.capsules.extend(pairs)
-        if pairs:
-            self._touching(pairs)
 
     def recorded(self) -> tuple[np.ndarray, Poses]:
         """Times and poses; heights above the plane and tilts are those drawn."""
@@ -118,6 +113,8 @@ class PlanarModel(ExudynModel):
 
     def _touching(self, pairs: list[Capsules]) -> None:
         """All capsules in one force on all nodes: Python is asked once a step."""
+        if not pairs:
+            return
         bodies, order = self.drawing.bodies, {i: place for place, i in enumerate(self.nodes)}
         ends = np.stack([[self._flat(pair.a, pair.ends_A), self._flat(pair.b, pair.ends_B)] for pair in pairs])
         place = np.array([[order.get(pair.a, len(order)), order.get(pair.b, len(order))] for pair in pairs])

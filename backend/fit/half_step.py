@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from backend.fit.nuisance import answering
 from backend.fit.residual import Residuals
 from backend.fit.solve import Solution
 
@@ -43,10 +44,7 @@ class HalfStep:
         if not np.all(np.isfinite(change)):
             return cls(step_s, names, np.full(len(names), np.nan))
         root = np.sqrt(solution.weights)
-        J = root[:, None] * solution.jacobian
-        norm = np.linalg.norm(J, axis=0)
-        norm = np.where(norm > 0, norm, 1.0)
-        shift = -(np.linalg.pinv(J / norm) @ (root * change)) / norm
+        shift = -answering(root[:, None] * solution.jacobian) @ (root * change)
         return cls(step_s, names, shift[: len(names)])
 
     @property

@@ -61,6 +61,13 @@ def secants(
     return (columns[0], columns[-1]) if columns else None
 
 
+def answering(J: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p n"]:
+    """How much lower least squares finds the values per unit by which a residual is higher; columns of any size."""
+    norm = np.linalg.norm(J, axis=0)
+    norm = np.where(norm > 0, norm, 1.0)
+    return np.linalg.pinv(J / norm) / norm[:, None]
+
+
 def allowing(
     solution: Solution,
     columns: Float[np.ndarray, "n k"],
@@ -74,9 +81,7 @@ def allowing(
     """
     root = np.sqrt(solution.weights)[:, None]
     J, D, r = root * solution.jacobian, root * columns, root[:, 0] * solution.residual
-    norm = np.linalg.norm(J, axis=0)
-    norm = np.where(norm > 0, norm, 1.0)
-    inverse = np.linalg.pinv(J / norm) / norm[:, None]
+    inverse = answering(J)
     moved = -inverse @ D
     # What the values cannot make up for says where the nuisances are.
     Q, R = np.linalg.qr(D + J @ moved)

@@ -101,7 +101,7 @@ def _check_bed(drawn: Sequence[Effect], axes_W: list[np.ndarray]) -> None:
 
 
 def _check_paths(effects: Sequence[Placed], topology: Topology) -> None:
-    """Refuse a joint that is told twice where to be."""
+    """Refuse a joint that is told twice where to be; reading sees what is drawn, this also what is added to it."""
     told: dict[int, str] = {}
     for placed in (p for p in effects if isinstance(p.effect, AbstractJointMotion)):
         for row, (joint,) in zip(placed.rows, placed.places, strict=True):
