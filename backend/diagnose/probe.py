@@ -75,15 +75,6 @@ class Probe(Run):
         made.__dict__["setting"] = self.setting
         return made
 
-    def first(self, fraction: float) -> Probe:
-        """The same experiment as far as its first fraction: no time is spent on what follows."""
-        if fraction >= 1.0:
-            return self
-        made = replace(self, _last=None)
-        since = jnp.minimum(self.setting.since_release_s, fraction * self.duration_s)
-        made.__dict__["setting"] = replace(self.setting, since_release_s=since)
-        return made
-
     def every(self, values: np.ndarray) -> np.ndarray:
         """The value at every address."""
         return self.neutral if self.ties is None else self.neutral + self.ties @ values

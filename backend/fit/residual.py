@@ -68,6 +68,7 @@ class Residuals:
             for r, a, b in zip(self.runs, ends[:-1].tolist(), ends[1:].tolist(), strict=True)
         ]
         self._z = z
+        self._first: dict[float, Sequence[Run]] = {}
         self._calibrated = np.concatenate([np.zeros(0, int), *z.values()])
         sd = {f.name: (f.start, f.prior_sd) for f in self.parameters if f.prior_sd is not None}
         self.prior = GaussianPrior.of([f.name for f in self.parameters], sd) if sd else GaussianPrior.none()
@@ -134,7 +135,7 @@ class Residuals:
         lower = np.concatenate([[f.lower for f in self.parameters], *[b[0] for b in bounds], -beyond])
         upper = np.concatenate([[f.upper for f in self.parameters], *[b[1] for b in bounds], beyond])
         scale = np.concatenate([self.scale, np.ones(lower.size - self.scale.size)])
-        last: dict[str, np.ndarray] = {}
+        last = None
         held = np.zeros((0, scale.size))
         if anchor is not None:
             p = len(self.parameters)
@@ -145,10 +146,12 @@ class Residuals:
 
         def linearise(x: np.ndarray):
             # The value comes with the derivative for twice its price, and most trial steps are accepted.
-            if last.get("x") is None or not np.array_equal(last["x"], x):
+            nonlocal last
+            known = last
+            if known is None or not np.array_equal(known[0], x):
                 r, J = self.evaluate(x, fraction)
-                last.update(x=x.copy(), r=with_anchor(r, x), J=np.concatenate([J, held]))
-            return last["r"], last["J"]
+                known = last = x.copy(), with_anchor(r, x), np.concatenate([J, held])
+            return known[1:]
 
         def trace_back(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
             data, of_anchor = np.split(weight, [weight.size - len(held)])
@@ -169,7 +172,7 @@ class Residuals:
     def evaluate(self, x: np.ndarray, fraction: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """(r, J) at x, rows as `rows` says."""
         p = len(self.parameters)
-        seen = self._each(lambda i, run, own: run.predict(x[:p], own), x)
+        seen = self._each(lambda i, run, own: run.predict(x[:p], own), x, fraction)
         slopes = []
         for (_, slope), own in zip(seen, self._own, strict=True):
             slopes.append(np.zeros((slope.shape[0], x.size)))
@@ -180,7 +183,7 @@ class Residuals:
     def residual(self, x: np.ndarray, fraction: float = 1.0) -> np.ndarray:
         """r of `evaluate` alone, which takes no derivative."""
         p = len(self.parameters)
-        return self._beside_data(self._each(lambda i, run, own: run.foresee(x[:p], own), x), x, fraction)
+        return self._beside_data(self._each(lambda i, run, own: run.foresee(x[:p], own), x, fraction), x, fraction)
 
     def traced_back(self, x: np.ndarray, weight: np.ndarray, fraction: float = 1.0) -> np.ndarray:
         """J' weight, backwards in time: no more than a few rollouts however many unknowns there are."""
@@ -197,16 +200,26 @@ class Residuals:
         of_prior, of_cameras = np.split(weight, [self.prior.index.size])
         gradient = self.prior.jacobian(x.size).T @ of_prior
         gradient[self._calibrated] += of_cameras
-        traced = self._each(lambda i, run, own: run.trace_back(x[:p], own, weights[i]), x)
+        traced = self._each(lambda i, run, own: run.trace_back(x[:p], own, weights[i]), x, fraction)
         for (by_value, by_own), own in zip(traced, self._own, strict=True):
             gradient[:p] += by_value
             gradient[own] += by_own
         return gradient
 
-    def _each(self, ask: Callable[[int, Run, np.ndarray], Answer], x: np.ndarray) -> list[Answer]:
-        """Ask every run, with its own unknowns, at the same time."""
-        with ThreadPoolExecutor(max_workers=min(len(self.runs), os.cpu_count() or 1)) as pool:
-            return list(pool.map(lambda i: ask(i, self.runs[i], self.own(x, i)), range(len(self.runs))))
+    def _predictions(self, x: np.ndarray, fraction: float) -> list[np.ndarray]:
+        """Predictions by the program that the search has called at x, or calls next."""
+        p = len(self.parameters)
+        if self.derivatives == "together":
+            return self._each(lambda i, run, own: run.predict(x[:p], own)[0], x, fraction)
+        return self._each(lambda i, run, own: run.foresee(x[:p], own), x, fraction)
+
+    def _each(self, ask: Callable[[int, Run, np.ndarray], Answer], x: np.ndarray, fraction: float) -> list[Answer]:
+        """Ask every run, with its own unknowns, at the same time; none is simulated past the first fraction of it."""
+        if fraction not in self._first:
+            self._first[fraction] = [run.first(fraction) for run in self.runs]
+        runs = self._first[fraction]
+        with ThreadPoolExecutor(max_workers=min(len(runs), os.cpu_count() or 1)) as pool:
+            return list(pool.map(lambda i: ask(i, runs[i], self.own(x, i)), range(len(runs))))
 
     def _beside_data(self, predictions: Sequence[np.ndarray], x: np.ndarray, fraction: float) -> np.ndarray:
         off = [prediction - run.data.value for prediction, run in zip(predictions, self.runs, strict=True)]
@@ -239,18 +252,17 @@ class Residuals:
         pixels were measured, infinite where the motion is lost.
         """
         off = [np.zeros(0)]
-        for i, run in enumerate(self.runs):
+        for prediction, run in zip(self._predictions(x, fraction), self.runs, strict=True):
             keep = run.within(fraction)
             size = {"rad": 1.0, "m": float(run.model.scale.length_m)}
             unit = np.array([size.get(c.unit, np.inf) for c in run.data.channels])[run.data.channel[keep]]
-            prediction, _ = run.predict(x[: len(self.parameters)], self.own(x, i))
             off.append(((prediction - run.data.value)[keep] / unit)[np.isfinite(unit)])
         squares = np.concatenate(off) ** 2
         return float(np.nan_to_num(np.sqrt(np.mean(squares)), nan=np.inf)) if squares.size else 0.0
 
     def misfit(self, x: np.ndarray, fraction: float = 1.0) -> float:
         """Rms of the samples in motion at x, in sigmas; infinite where the motion is lost."""
-        r, _ = self.evaluate(x, fraction)
+        r = self._beside_data(self._predictions(x, fraction), x, fraction)
         rms = self.spread * float(np.sqrt(np.mean(r[: self.rows(fraction).motion] ** 2)))
         return rms if np.isfinite(rms) else np.inf
 

@@ -137,6 +137,17 @@ class Run:
         """The same experiment, and the same compiled program, with a memory of its own."""
         return replace(self, _last=None, _seen=None)
 
+    def first(self, fraction: float) -> Self:
+        """The same experiment, and the same compiled program, whose samples after its first fraction are taken at its
+        end: no time is spent on what follows.
+        """
+        if fraction >= 1.0:
+            return self
+        made = self.apart()
+        since = jnp.minimum(self.setting.since_release_s, fraction * self.duration_s)
+        made.__dict__["setting"] = replace(self.setting, since_release_s=since)
+        return made
+
     def tied(self, ties: Float[np.ndarray, "all few"]) -> Run:
         """The same experiment, and the same compiled program, for values of which some are shared."""
         return replace(self, ties=ties, _last=None, _seen=None)
@@ -168,8 +179,9 @@ class Run:
         """Predicted samples and their derivative in (values, own); NaN from where the motion is lost."""
         x = self._moved_by(values, own)
         key = np.concatenate([x, own[self.unknowns :]])
-        if self._last is not None and np.array_equal(self._last[0], key):
-            return self._last[1]
+        last = self._last  # read once: others may ask at the same time
+        if last is not None and np.array_equal(last[0], key):
+            return last[1]
         directions, mixed = self._directions(x.size, values.size)
         seen, slope, lost = linearised(
             self.setting, self.addresses, self.step_s, jnp.asarray(x), jnp.asarray(directions)
@@ -222,11 +234,14 @@ class Run:
 
     def _foreseen(self, x: np.ndarray) -> np.ndarray:
         """What is asked of the rollout; NaN from where the motion is lost."""
-        if self._seen is None or not np.array_equal(self._seen[0], x):
-            seen, lost = foreseen(self.setting, self.addresses, self.step_s, jnp.asarray(x))
-            n = self.asked[0].size
-            self._seen = x, np.where(np.asarray(lost[:n]), np.nan, np.asarray(seen[:n]))
-        return self._seen[1]
+        last = self._seen
+        if last is not None and np.array_equal(last[0], x):
+            return last[1]
+        seen, lost = foreseen(self.setting, self.addresses, self.step_s, jnp.asarray(x))
+        n = self.asked[0].size
+        made = np.where(np.asarray(lost[:n]), np.nan, np.asarray(seen[:n]))
+        self._seen = x, made
+        return made
 
     def _moved_by(self, values: np.ndarray, own: np.ndarray) -> np.ndarray:
         """What decides its motion: the value at every address, start coordinates, start rates."""

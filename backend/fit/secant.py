@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
 from backend.fit.misfit import largest
 from backend.fit.solve import LeastSquares, Solution, Vector, step_within
+from backend.fit.starts import at_once
 
 ROUNDS = 6
 FAR = 2.0  # deviations that a difference reaches each way
@@ -147,14 +149,15 @@ def secants(
     """Differences over a reach each way; on one side where a bound is nearer or a motion is lost."""
     J, bends, distance = np.zeros((r.size, len(columns))), np.zeros((r.size, len(columns))), np.zeros(len(columns))
     around = r.copy()
-    for k, j in enumerate(columns):
-        ends = []
-        for side in (1.0, -1.0):
-            moved = x.copy()
-            moved[j] = np.clip(x[j] + side * reach[j], problem.lower[j], problem.upper[j])
-            at = problem.residual(moved)
-            ends.append((moved[j], at) if np.all(np.isfinite(at)) else (x[j], r))
-        (high, above), (low, below) = ends
+
+    def moved(j: int, side: float) -> tuple[float, Vector]:
+        trial = x.copy()
+        trial[j] = np.clip(x[j] + side * reach[j], problem.lower[j], problem.upper[j])
+        at = problem.residual(trial)
+        return (float(trial[j]), at) if np.all(np.isfinite(at)) else (float(x[j]), r)
+
+    ends = at_once([partial(moved, j, side) for j in columns for side in (1.0, -1.0)])
+    for k, (j, (high, above), (low, below)) in enumerate(zip(columns, ends[::2], ends[1::2], strict=True)):
         if high > low:
             J[:, k] = (above - below) / (high - low)
         if np.isclose(high - x[j], x[j] - low, rtol=1e-6):

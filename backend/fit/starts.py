@@ -1,21 +1,22 @@
-"""Several starts: the same search from scattered starting values, one on each core."""
+"""Several starts: the same search from scattered starting values; what goes at the same time, one on each core."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
-from backend.fit.solve import Solution
+Made = TypeVar("Made")
 
 
-def at_once(searches: Sequence[Callable[[], Solution]]) -> list[Solution]:
-    """Where several searches end, in their order."""
+def at_once(makers: Sequence[Callable[[], Made]]) -> list[Made]:
+    """What several searches or simulations make, in their order."""
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
-        return list(pool.map(lambda search: search(), searches))
+        return list(pool.map(lambda make: make(), makers))
 
 
 def scattered(

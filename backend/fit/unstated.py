@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +21,7 @@ from backend.fit.identifiability import Z95, Uncertainty
 from backend.fit.nuisance import allowing, secants
 from backend.fit.residual import Residuals
 from backend.fit.solve import Solution
+from backend.fit.starts import at_once
 from backend.mechanism import fit_report
 from backend.mechanism.effect import Effect
 from backend.mechanism.study import Study
@@ -95,7 +97,10 @@ class Allowed:
         noise = u.noise_sd[:p]
         self.bounded = np.isfinite(self.sd) & (noise > 0)
         doubt = float(np.max(self.sd[self.bounded] / noise[self.bounded], initial=1.0))
-        columns = {each: secants(_change(residuals, solution, each), solution, doubt) for each in held}
+        changes = [_change(residuals, solution, each) for each in held]
+        columns = dict(
+            zip(held, at_once([partial(secants, change, solution, doubt) for change in changes]), strict=True)
+        )
         self.lost = [each for each, pair in columns.items() if pair is None]
         seen = {each: pair for each, pair in columns.items() if pair is not None}
         self.held = list(seen)
@@ -146,7 +151,7 @@ class Allowed:
 
 def _change(residuals: Residuals, solution: Solution, each: Unstated) -> Callable[[float], Float[np.ndarray, " n"]]:
     """Change of the residual as a parameter goes a share of the way that it may lie off."""
-    return lambda share: residuals.holding(each.addresses, each.at(share)).evaluate(solution.x)[0] - solution.residual
+    return lambda share: residuals.holding(each.addresses, each.at(share)).residual(solution.x) - solution.residual
 
 
 def _range(each: Unstated) -> str:
