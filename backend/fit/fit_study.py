@@ -35,7 +35,7 @@ from backend.fit.search import PART, WHOLE, Cancelled, Search
 from backend.fit.solve import Optimiser, Solution
 from backend.fit.sparse import Sparse
 from backend.fit.starts import scattered
-from backend.fit.unstated import Allowed, unstated
+from backend.fit.unstated import Allowed, unstated, with_give
 from backend.mechanism.apart import set_apart
 from backend.mechanism.study import Study, driven_effects
 from backend.model.build import build
@@ -129,7 +129,7 @@ def fit_study(
     shared = Sparse(residuals, groups) if groups else None
     residuals = shared.few if shared else residuals
     search = Search(residuals, optimiser, loss, max_iterations, kept, pace, cancelled)
-    start, problem = residuals.start, residuals.problem()
+    start, problem = with_give(residuals.start, residuals.parameters, model), residuals.problem()
     moved = (np.arange(start.size) < len(residuals.parameters)).tolist()
     begins = scattered(start, 0.1 * problem.scale, problem.lower, problem.upper, starts, moved)
     solution = search.from_starts(begins, horizons)

@@ -29,6 +29,7 @@ from backend.model.model import Address, Model
 
 FALSE_ALARMS = 1e-3  # fits with the right walls that are told to free others
 WORTH_SAYING = 1.05  # times as wide
+GIVING = 10.0  # times as stiff as the softest: where the search for a stiffness drawn as rigid begins
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,19 @@ def unstated(study: Study, model: Model, free: Sequence[FreeParameter], added: S
         Unstated(f"{kind}:{places[0][0] if len(places) == 1 else '*'}", tuple(a for _, a in places), held, far, unit)
         for (kind, _, held, far, unit), places in found.items()
     ]
+
+
+def with_give(
+    start: Float[np.ndarray, " x"], parameters: Sequence[FreeParameter], model: Model
+) -> Float[np.ndarray, " x"]:
+    """Starting values where walls that are freed and drawn as rigid give a little: rigid ones show no way to go."""
+    begun = start.copy()
+    for j, parameter in enumerate(parameters):
+        row = model.parameters[parameter.addresses[0]]
+        rigid = float(row.declaration.default or 0.0) if row.unstated is not None else 0.0
+        if row.unstated is not None and row.unstated < rigid <= start[j]:
+            begun[j] = GIVING * row.unstated
+    return begun
 
 
 class Allowed:

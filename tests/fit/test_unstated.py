@@ -70,6 +70,15 @@ def test_a_soft_wall_that_nobody_stated_misleads_the_noise_but_not_the_interval(
     assert play.value - play.ci95[0] < 6.0 * play.sd
 
 
+def test_a_wall_that_is_freed_and_drawn_as_rigid_is_found_with_its_play():
+    free = ["clearance:play.radial_m", "clearance:play.stiffness_n_per_m"]
+    play, wall = fit_study(
+        study({"stiffness_n_per_m": SOFT}, {}), free, profiles=False, step_s=STEP_S
+    ).report.parameters
+    assert abs(play.value - PLAY_M) < 1.96 * play.sd < 2e-4
+    assert wall.ci95[0] < SOFT < wall.ci95[1] < 10 * SOFT
+
+
 def test_the_report_says_what_its_intervals_allow_for_and_what_to_do(soft):
     assert {(u.name, u.held, u.up_to) for u in soft.unstated} == {
         ("clearance:play.stiffness_n_per_m", RIGID, RUBBER),
