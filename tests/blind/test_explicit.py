@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from backend.blind.exudyn_contact import Walls
+
 
 @pytest.fixture
 def explicit(simulate_exudyn):
@@ -49,12 +51,11 @@ def scissor(linkages, *effects):
 def test_a_loose_scissor_opens_as_with_implicit_steps(linkages, simulate_exudyn, explicit):
     drawn = scissor(linkages, linkages.effect("drag", "viscous_friction", "all", damping_n_m_s_per_rad=0.01))
     drawn["effects"][-1]["on"] = drawn["effects"][-2]["on"]
-    short, usual = (
-        explicit(drawn, 0.08, 1e-6, output_step_s=1e-3),
-        simulate_exudyn(drawn, 0.08, 2e-5, output_step_s=1e-3),
-    )
+    short = explicit(drawn, 0.08, 1e-6, output_step_s=1e-3)
+    # Ten times critical, as implicit walls usually are, they let a pin sink in so slowly that bars are 0.19 mm behind.
+    usual = simulate_exudyn(drawn, 0.08, 2e-5, output_step_s=1e-3, walls=Walls(damping_ratio=2.0))
     for bar, path in short.position_m.items():
-        np.testing.assert_allclose(path, usual.position_m[bar], atol=1.5e-4)  # walls of both are damped unlike
+        np.testing.assert_allclose(path, usual.position_m[bar], atol=1e-4)  # walls of both are damped unlike
         # Bars may be drawn at any turn.
         assert np.abs((short.quaternion_wxyz[bar] * usual.quaternion_wxyz[bar]).sum(1)).min() > 1 - 1e-6
     assert max(np.ptp(path, axis=0).max() for path in short.position_m.values()) > 0.01
