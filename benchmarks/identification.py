@@ -132,8 +132,8 @@ def filmed(case: Case) -> tuple[np.ndarray, list[np.ndarray]]:
         mechanism = drawn(case, case.radial_m, case.friction, spring, real=True)
         if case.engine == "ours":
             motion = simulate(mechanism, duration_s, NODES_S)
-        elif case.engine == "Exudyn" and (case.form, case.loose) == ("contact", "all"):
-            # Newton's iteration stalls where every pin is loose and rubs.
+        elif case.engine == "Exudyn" and case.loose == "all":
+            # Newton's iteration stalls where every pin is loose and rubs, and its walls give way slowly.
             motion = simulate_exudyn(mechanism, duration_s, 5e-7, output_step_s=NODES_S, explicit=True)
         elif case.engine == "Exudyn":
             motion = simulate_exudyn(mechanism, duration_s, 2e-5, output_step_s=NODES_S)
@@ -318,8 +318,10 @@ def tables(asked: str) -> Iterator[tuple[Case, bool]]:
             for radial_m in (5e-4, 1e-3):
                 for loose, engine in filming:
                     stiffness = SOFT_N_PER_M if rubs and engine == "MuJoCo" else None
+                    # Of thirty pins that rub and strike, the best friction is a third of the true one at 0.25 ms.
+                    step_s = 1e-4 if rubs and loose == "all" else 2.5e-4
                     yield (
-                        Case(form, engine, loose, radial_m=radial_m, step_s=2.5e-4, stiffness_n_per_m=stiffness),
+                        Case(form, engine, loose, radial_m=radial_m, step_s=step_s, stiffness_n_per_m=stiffness),
                         False,
                     )
 
