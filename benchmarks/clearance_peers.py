@@ -169,7 +169,7 @@ def variants(case: Case, engine: str) -> Iterator[tuple[str, float, float, float
     soft = "stiffness_n_per_m" in case.parameters
     for name in case.variants:
         known = {
-            "4x stiffness": engine == "MuJoCo" or bool(case.pins) and engine != "ours" or soft,
+            "4x stiffness": engine == "MuJoCo" or (bool(case.pins) and engine != "ours") or soft,
             "2x damping": engine == "Exudyn",
         }
         if known.get(name, True):
