@@ -167,7 +167,7 @@ class Residuals:
 
     def alone(self, fraction: float = 1.0) -> LeastSquares:
         """The same, simulated without derivatives beside it where none are asked for."""
-        return replace(self.problem(fraction), residual=lambda x: self.residual(x, fraction))
+        return replace(self.problem(fraction), residual=lambda x: self.residual(x, fraction, alone=True))
 
     def evaluate(self, x: np.ndarray, fraction: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """(r, J) at x, rows as `rows` says."""
@@ -180,10 +180,9 @@ class Residuals:
         J = [*self._whitened(slopes, fraction), self.prior.jacobian(x.size), np.eye(x.size)[self._calibrated]]
         return self._beside_data([prediction for prediction, _ in seen], x, fraction), np.concatenate(J)
 
-    def residual(self, x: np.ndarray, fraction: float = 1.0) -> np.ndarray:
-        """r of `evaluate` alone, which takes no derivative."""
-        p = len(self.parameters)
-        return self._beside_data(self._each(lambda i, run, own: run.foresee(x[:p], own), x, fraction), x, fraction)
+    def residual(self, x: np.ndarray, fraction: float = 1.0, alone: bool = False) -> np.ndarray:
+        """r of `evaluate`; alone: without derivatives, which come along where compiling for that is not worth it."""
+        return self._beside_data(self._predictions(x, fraction, alone), x, fraction)
 
     def traced_back(self, x: np.ndarray, weight: np.ndarray, fraction: float = 1.0) -> np.ndarray:
         """J' weight, backwards in time: no more than a few rollouts however many unknowns there are."""
@@ -206,10 +205,10 @@ class Residuals:
             gradient[own] += by_own
         return gradient
 
-    def _predictions(self, x: np.ndarray, fraction: float) -> list[np.ndarray]:
-        """Predictions by the program that the search has called at x, or calls next."""
+    def _predictions(self, x: np.ndarray, fraction: float, alone: bool = False) -> list[np.ndarray]:
+        """What every run would show."""
         p = len(self.parameters)
-        if self.derivatives == "together":
+        if self.derivatives == "together" and not alone:
             return self._each(lambda i, run, own: run.predict(x[:p], own)[0], x, fraction)
         return self._each(lambda i, run, own: run.foresee(x[:p], own), x, fraction)
 
@@ -262,7 +261,7 @@ class Residuals:
 
     def misfit(self, x: np.ndarray, fraction: float = 1.0) -> float:
         """Rms of the samples in motion at x, in sigmas; infinite where the motion is lost."""
-        r = self._beside_data(self._predictions(x, fraction), x, fraction)
+        r = self.residual(x, fraction)
         rms = self.spread * float(np.sqrt(np.mean(r[: self.rows(fraction).motion] ** 2)))
         return rms if np.isfinite(rms) else np.inf
 

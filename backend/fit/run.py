@@ -100,8 +100,11 @@ class Run:
 
     @cached_property
     def setting(self) -> Setting:
-        """The rollout of the whole record. Records of similar length share one compiled program."""
-        return self.framed(*self.frame)
+        """The rollout of the whole record. Records of similar length share one compiled program, which has room for half
+        the step where parts strike.
+        """
+        steps, samples = self.frame
+        return self.framed(2 * steps if self.strikes else steps, samples)
 
     @property
     def frame(self) -> tuple[int, int]:
@@ -153,8 +156,11 @@ class Run:
         return replace(self, ties=ties, _last=None, _seen=None)
 
     def stepping(self, step_s: float) -> Run:
-        """The same experiment, simulated with another step."""
-        return replace(self, step_s=step_s, _last=None, _seen=None)
+        """The same experiment, simulated with another step, by the same compiled program where that has room for it."""
+        made, own = replace(self, step_s=step_s, _last=None, _seen=None), self.setting
+        if made.frame[0] <= own.steps:
+            made.__dict__["setting"] = made.framed(own.steps, own.column.size)
+        return made
 
     def holding(self, addresses: Sequence[Address], value: float) -> Run:
         """The same experiment, and the same compiled program, with parameters of the model at another value."""

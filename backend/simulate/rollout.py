@@ -18,6 +18,7 @@ from backend.simulate.law import Impulses
 from backend.simulate.momentum import instantaneous
 from backend.simulate.piece import Piece
 from backend.simulate.record import Record
+from backend.simulate.slopes import varied
 from backend.simulate.step import SOLUTION, Solved, step
 
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
@@ -167,6 +168,7 @@ def march(
         kept = jax.tree.map(lambda old, new: jnp.where(gone, old, new), motion, after)
         return (kept, gone), seen._replace(lost=gone)
 
+    carry = _moving(carry[0]), carry[1]
     if until is None:
         return lax.scan(advance, carry, None if record is None else record.values, length=steps)
 
@@ -182,10 +184,31 @@ def march(
 
     node = jax.eval_shape(advance, carry, None if record is None else record.values[0])[1]
     room = jax.tree.map(lambda one: jnp.zeros((steps, *one.shape), one.dtype), node)
+    room = _looked_at(room, carry[0])
     taken, carry, seen = lax.while_loop(wanted, onward, (jnp.zeros((), dtype=int), carry, room))
     # What is lost stays lost: the last node, behind which no time is spent, says so for all that follow.
     behind = jnp.minimum(jnp.arange(steps), taken - 1)
     return carry, jax.tree.map(lambda all_: all_[behind], seen)
+
+
+def _moving(motion: Motion) -> Motion:
+    """The same motion, where all that the steps give slopes to has one from the beginning."""
+
+    def begun(m: Motion) -> tuple:
+        return m.momentum, m.velocity, m.acceleration, m.rate, m.borne, m.opening, m.parting, m.taken
+
+    return eqx.tree_at(begun, motion, jax.tree.map(lambda a: varied(a, _place(motion)), begun(motion)))
+
+
+def _looked_at(node: Seen, motion: Motion) -> Seen:
+    """The same, with slopes where `_node` gives some."""
+    moving = node.pose, node.velocity, node.q, node.rate, node.reaction, node.wall, node.touch
+    return Seen(*jax.tree.map(lambda a: varied(a, _place(motion)), moving), *node[len(moving) :])
+
+
+def _place(motion: Motion) -> Array:
+    """A number that varies with whatever moves the bodies."""
+    return jnp.sum(motion.pose.position[:1])
 
 
 def shaken(system: System, time_s: Array) -> System:
@@ -250,7 +273,9 @@ def _cut_step(
     still, rows = jnp.zeros_like(motion.velocity), jnp.zeros((joints, 6))
     loads = jnp.zeros(walls), jnp.zeros(places)
     node = Seen(motion.pose, still, motion.q, jnp.zeros(joints), rows, *loads, count, none, lost, count)
-    begin = _Attempt(motion, none, count, lost, node, unbounded, count)
+    node = _looked_at(node, motion)
+    most = jax.tree.map(lambda a: varied(a, _place(motion)), unbounded)
+    begin = _Attempt(motion, none, count, lost, node, most, count)
     end = lax.while_loop(unfinished, attempt, begin)
     return end.motion, end.gone, end.node
 

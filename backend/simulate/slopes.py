@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array
 
 
 def along(function: Callable, primals: tuple, tangents: tuple) -> tuple[Any, Any]:
@@ -31,3 +32,16 @@ def _known_jvp(function: Callable, primals: tuple, tangents: tuple) -> tuple[Any
 
 
 known.defjvp(_known_jvp, symbolic_zeros=True)
+
+
+@jax.custom_jvp
+def varied(value: Array, by: Array) -> Array:
+    """`value`, with a slope of zero where `by` has one: a loop that begins so is traced once, instead of until it is
+    settled what in it has slopes.
+    """
+    return value
+
+
+@varied.defjvp
+def _varied_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+    return primals[0], tangents[0] + 0.0 * tangents[1]

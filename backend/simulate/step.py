@@ -223,6 +223,7 @@ def step(
     motion = refreshed(system, motion)
     at = frame(system, motion, step_s, target, most, piece)
     solved = close(system, at, _guess(system, at, motion))
+    solved = solved._replace(error=lax.stop_gradient(solved.error))
     (xi, impulses), there = solved.unknowns, solved.there
     q = kinematics.coordinates_near(system, there.bodies, motion.q)
     velocity = xi / step_s
