@@ -180,9 +180,10 @@ def main() -> None:
     study = tracked(with_effects(document, 0.25 * PLAY_M, 0.0, 0.0), time_s, paths, seed=1)
     result = fit_study(study, FREE, profiles=False, step_s=FIT_S)
     print(f"fitted in {time.perf_counter() - begin:.0f} s: {result.solution.message}")
-    for name, sd, truth in zip(FREE, result.uncertainty.sd, (PLAY_M, DRAG, asked.bed), strict=False):
-        value = result.values[name]
-        print(f"  {name:45} {value:.4g} +- {sd:.2g}   truth {truth:.4g}  ({100 * (value / truth - 1):+.1f}%)")
+    for found, truth in zip(result.report.parameters, (PLAY_M, DRAG, asked.bed), strict=True):
+        off = f"truth {truth:.4g}  ({100 * (found.value / truth - 1):+.1f}%)"
+        low, high = found.ci95
+        print(f"  {found.name:45} {found.value:.4g} +- {found.sd:.2g}, 95% {low:.3g} to {high:.3g}   {off}")
     print(f"  chi-square per sample {result.uncertainty.chi_square_per_point:.2f}", flush=True)
     found = tuple(result.values[name] for name in FREE)
     drawn = with_effects(document, 0.0, 0.0, 0.0)
