@@ -31,7 +31,7 @@ from backend.fit.remedy import left_open, remedies, sentences
 from backend.fit.residual import Residuals
 from backend.fit.result import FitResult, Overlay, make_report, overlays_of
 from backend.fit.run import Run
-from backend.fit.search import PART, WHOLE, Cancelled, Search
+from backend.fit.search import DISTANCE, PART, WHOLE, Cancelled, Search
 from backend.fit.solve import Optimiser, Solution
 from backend.fit.sparse import Sparse
 from backend.fit.starts import scattered
@@ -128,6 +128,8 @@ def fit_study(
     residuals = Residuals(freedom.parameters, scale, runs, way=derivatives, profiles=profiles)
     shared = Sparse(residuals, groups) if groups else None
     residuals = shared.few if shared else residuals
+    if residuals.strikes:
+        pace.expect(DISTANCE)
     search = Search(residuals, optimiser, loss, max_iterations, kept, pace, cancelled)
     start, problem = with_give(residuals.start, residuals.parameters, model), residuals.problem()
     moved = (np.arange(start.size) < len(residuals.parameters)).tolist()

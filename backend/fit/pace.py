@@ -36,6 +36,11 @@ class Pace:
             if words:
                 self.tell(0.0, words)
 
+    def expect(self, weight: float) -> None:
+        """More work than was planned lies ahead."""
+        with self._lock:
+            self.planned += weight
+
     def step(self, words: str) -> None:
         """One more iteration of this piece of work."""
         with self._lock:

@@ -88,6 +88,19 @@ def retrace(
     return []
 
 
+def way_ahead(fraction: float) -> float:
+    """Length of all parts that usually follow from one, in whole records."""
+    length = fraction
+    while fraction < 1.0:
+        fraction = _longer(fraction, LONGER[0])
+        length += fraction
+    return length
+
+
+def _longer(fraction: float, times: float) -> float:
+    return times * fraction if times**1.5 * fraction < 1.0 else 1.0
+
+
 def _followed(residuals: Records, parts: Sequence[Part]) -> tuple[list[Part], float]:
     """The parts up to one that is missed by more than those before, and the mean square that the next may have."""
     allowed, kept = np.inf, list[Part]()
@@ -112,7 +125,7 @@ def _grown(
     x, fraction, sd = part.x, part.fraction, None if part.open is None else np.sqrt(np.diag(part.open))
     while True:
         if sd is not None:  # these records are fitted already, by differences
-            fraction = longer * fraction if longer**1.5 * fraction < 1.0 else 1.0
+            fraction = _longer(fraction, longer)
         tell(fraction)
         residuals.learn_spread(x, fraction)
         records = problem(fraction)

@@ -100,8 +100,8 @@ class Run:
 
     @cached_property
     def setting(self) -> Setting:
-        """The rollout of the whole record. Records of similar length share one compiled program, which has room for half
-        the step where parts strike.
+        """The rollout of the whole record. Records of similar length share one compiled program, with room for half the
+        step where parts strike.
         """
         steps, samples = self.frame
         return self.framed(2 * steps if self.strikes else steps, samples)

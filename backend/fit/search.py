@@ -13,13 +13,15 @@ from backend.fit.checkpoint import Checkpoint
 from backend.fit.loss import LossName
 from backend.fit.pace import Pace
 from backend.fit.residual import Residuals
-from backend.fit.retrace import RETRACED, Part, astray, retrace
+from backend.fit.retrace import ON_THE_WAY, RETRACED, Part, astray, retrace, way_ahead
 from backend.fit.secant import deviations, narrowed, smoothed
 from backend.fit.solve import Iteration, LeastSquares, Optimiser, Solution, robust_weights, solve
 from backend.fit.starts import at_once
 
 FIRST_STEPS = 12  # spent on a part of the records at most: the whole of them decides
 PART, WHOLE = 4.0, 10.0  # iterations that a part of the records, or the whole of them, usually takes
+ROUND = 2.0  # iterations in whose time slopes are taken by differences, on every core at once
+DISTANCE = 3.0 * ROUND  # until these settle
 LOST, FOLLOWED = 0.12, 0.5  # rad or mechanism lengths, as a diagnosis has it; share of it that is still followed
 BETWEEN, NEAREST = 6, 1.1  # parts more than asked at most; how much longer each is at least
 REWEIGHED = 3  # times at most
@@ -104,7 +106,9 @@ class Search:
             return found
 
         def tell(fraction: float) -> None:
-            self.pace.enter(PART, f"following the first {100 * fraction:.0f}%")
+            self.pace.enter(ROUND * ON_THE_WAY * fraction, f"following the first {100 * fraction:.0f}%")
+
+        self.pace.expect(ROUND * ON_THE_WAY * way_ahead(fraction))
 
         try:
             way = retrace(self.residuals, lambda part: self.watched(self.residuals.alone(part)), first, tell)
@@ -151,7 +155,7 @@ class Search:
         that belong to it.
         """
         for _ in range(REWEIGHED):
-            self.pace.step("slopes over the distance that the data tell apart")
+            self.pace.enter(DISTANCE, "slopes over the distance that the data tell apart")
             solution = self.smoothed(solution)
             if solution.status == "cancelled":
                 break

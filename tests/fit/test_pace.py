@@ -44,3 +44,14 @@ def test_the_share_never_falls_though_more_work_comes_than_planned(paced):
     shares = [share for share, _ in told]
     assert shares == sorted(shares)
     assert shares[-1] <= 1.0
+
+
+def test_work_that_turns_out_to_lie_ahead_makes_the_rest_longer(paced):
+    pace, now, _ = paced
+    pace.enter(10.0)
+    for _ in range(5):
+        now[0] += 1.0
+        pace.step("searching")
+    before = pace.left_s()
+    pace.expect(12.0)
+    assert pace.left_s() == pytest.approx(before + 12.0)

@@ -9,7 +9,7 @@ import pytest
 
 from backend.fit.checkpoint import Checkpoint
 from backend.fit.pace import Pace
-from backend.fit.retrace import RETRACED
+from backend.fit.retrace import RETRACED, way_ahead
 from backend.fit.search import LOST, NEAREST, Search
 from backend.fit.solve import LeastSquares
 
@@ -144,3 +144,8 @@ def test_following_again_can_be_cancelled_and_leaves_the_end_that_was_there():
     broken = search.retraced(led_astray)
     assert broken.status == "cancelled"
     np.testing.assert_array_equal(broken.x, led_astray.x)
+
+
+def test_the_way_ahead_is_a_few_times_as_long_as_whole_records():
+    assert way_ahead(1.0) == 1.0
+    assert 5.0 < way_ahead(0.1) < 7.0  # of a row whose parts are each a fifth longer
