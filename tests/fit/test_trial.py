@@ -142,9 +142,9 @@ def test_a_search_for_what_deviates_ends_within_a_simulation_of_being_cancelled(
     """Slopes where parts strike, and trials, take two simulations a place."""
     simulated, ended = Residuals.residual, []
 
-    def residual(self, x, fraction=1.0):
+    def residual(self, *asked, **how):
         ended.extend([1] if ended else [])
-        return simulated(self, x, fraction)
+        return simulated(self, *asked, **how)
 
     monkeypatch.setattr(Residuals, "strikes", property(lambda self: strikes))
     monkeypatch.setattr(Residuals, "residual", residual)
