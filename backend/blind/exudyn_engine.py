@@ -26,8 +26,8 @@ from backend.blind.poses import COORDINATE, PeerMotion, Poses, joint_rates, peer
 KINDS = frozenset((*JOINT_KINDS, *BODY_KINDS))
 CREEP = 1e-5  # rad/s or m/s: friction's sign(v) is v / sqrt(v² + CREEP²)
 # As stiff as the step allows.  A stronger damper wants a softer wall, which gives way more slowly: ten loose cells that
-# rub move within 11 µm rms of those on walls of 1.6e9 N/m damped four times as much (at 62 ns); on walls of 1e7 N/m
-# damped like these they are 136 µm off.
+# rub move within 11 µm rms of those on walls of 1.6e9 N/m, four times critically damped (at 62 ns); on walls of 1e7 N/m
+# damped four times critically too they are 136 µm off.
 EXPLICIT_WALLS = Walls(rigid_stiffness=1e9, damping_ratio=1.0)
 UNMET = 1e-6  # of the mechanism's size; runs that are well end below 1e-10
 SAFE = 0.99

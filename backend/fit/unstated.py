@@ -85,9 +85,9 @@ def with_give(
     begun = start.copy()
     for j, parameter in enumerate(parameters):
         row = model.parameters[parameter.addresses[0]]
-        rigid = float(row.declaration.default or 0.0) if row.unstated is not None else 0.0
-        if row.unstated is not None and row.unstated < rigid <= start[j]:
-            begun[j] = GIVING * row.unstated
+        far = row.unstated
+        if far is not None and far < float(row.declaration.default or 0.0) <= start[j]:
+            begun[j] = GIVING * far
     return begun
 
 
