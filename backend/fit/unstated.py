@@ -61,11 +61,12 @@ def unstated(study: Study, model: Model, free: Sequence[FreeParameter], added: S
     freed = {address for parameter in free for address in parameter.addresses}
     said = {address for experiment in study.experiments for address in model.overridden(experiment.overrides)}
     found: dict[tuple[str, str, float, float, str], list[tuple[str, Address]]] = {}
+    table = model.parameters
     for effect in (*study.mechanism.effects, *added):
         if all(effect.id != of for of, _ in freed):
             continue
         place = effect.on[0] if effect in added else effect.id
-        for address, row in model.parameters.items():
+        for address, row in table.items():
             declared = row.declaration
             if address[0] != effect.id or row.unstated is None:
                 continue
@@ -82,9 +83,9 @@ def with_give(
     start: Float[np.ndarray, " x"], parameters: Sequence[FreeParameter], model: Model
 ) -> Float[np.ndarray, " x"]:
     """Starting values where walls that are freed and drawn as rigid give a little: rigid ones show no way to go."""
-    begun = start.copy()
+    begun, table = start.copy(), model.parameters
     for j, parameter in enumerate(parameters):
-        row = model.parameters[parameter.addresses[0]]
+        row = table[parameter.addresses[0]]
         far = row.unstated
         if far is not None and far < float(row.declaration.default or 0.0) <= start[j]:
             begun[j] = GIVING * far

@@ -51,7 +51,8 @@ def steady(record: Record | None, model: Model) -> Record | None:
     """A record of the same addresses that holds the model's own values: what a counterfactual is driven by."""
     if record is None:
         return None
-    values = [model.parameters[address].value for address in record.addresses]
+    table = model.parameters
+    values = [table[address].value for address in record.addresses]
     return Record(jnp.tile(jnp.asarray(values, dtype=float), (2, 1)), record.addresses)
 
 

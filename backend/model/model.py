@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from backend.effects.effect import AbstractEffect, Declaration
@@ -75,17 +76,22 @@ class Model(eqx.Module):
     @property
     def parameters(self) -> dict[Address, ParameterRow]:
         """Every effect parameter of the model, by address; one of several numbers as a whole and by component."""
-        table = {}
+        table: dict[Address, ParameterRow] = {}
+        sizes: dict[str, float] = {}  # of units, which are far fewer than parameters
         for placed in self.effects:
+            # Whole columns are fetched: a number at a time costs a computation each.
+            columns = {name: np.asarray(getattr(placed.effect, name)) for name in placed.effect.declarations()}
             for row, effect_id in enumerate(placed.ids):
                 on = self._names(placed, row)
                 for name, declared in placed.effect.declarations().items():
-                    value = getattr(placed.effect, name)[row]
+                    unit = declared.natural_unit or declared.unit
+                    if unit not in sizes:
+                        sizes[unit] = self.scale.of(unit)
+                    value = columns[name][row]
                     value = float(value) if declared.size == 1 else tuple(map(float, value))
-                    natural = declared.typical * self.scale.of(declared.natural_unit or declared.unit)
                     for key, one in {name: value, **_components(name, value)}.items():
                         table[(effect_id, key)] = ParameterRow(
-                            effect_id, placed.effect.kind, on, key, declared, one, natural
+                            effect_id, placed.effect.kind, on, key, declared, one, declared.typical * sizes[unit]
                         )
         return table
 

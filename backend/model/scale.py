@@ -36,7 +36,7 @@ class Scale(eqx.Module):
     @property
     def time_s(self) -> float:
         """√(length / gravity)."""
-        return float(self.length_m / self.gravity_m_per_s2) ** 0.5
+        return (float(self.length_m) / float(self.gravity_m_per_s2)) ** 0.5
 
     def of(self, unit: str) -> float:
         """The size that a quantity of this unit has here, e.g. 'N m s/rad' -> m g L x √(L/g)."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from backend.effects.catalogue import catalogue
 from backend.model.build import build
-from backend.model.model import Address, Model
+from backend.model.model import Address, Model, ParameterRow
 from backend.model.state import Start, drawn_pose
 from backend.model.system import system
 from backend.simulate.rollout import rollout
@@ -111,16 +111,21 @@ def carrier(kind: str) -> Model:
     return struck(kind) if kind in STRIKING else laden()
 
 
+@cache
+def rows(kind: str) -> dict[Address, ParameterRow]:
+    """What the mechanism that questions a kind may be asked about."""
+    return carrier(kind).parameters
+
+
 def sized(address: Address) -> float:
     """A telling value of a scalar parameter."""
-    row = carrier(address[0]).parameters[address]
+    row = rows(address[0])[address]
     return SIZES.get(address, SIZES.get(address[1], SHARE * row.natural))
 
 
 def present(kind: str) -> dict[Address, float]:
     """One effect's scalar parameters at telling values."""
-    rows = carrier(kind).parameters
-    return {a: sized(a) for a, row in rows.items() if row.kind == kind and row.declaration.size == 1}
+    return {a: sized(a) for a, row in rows(kind).items() if row.kind == kind and row.declaration.size == 1}
 
 
 def scalars(model: Model) -> list[Address]:

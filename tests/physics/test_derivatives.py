@@ -58,11 +58,12 @@ def slopes(request):
     plant = eqx.filter_jit(system)(model)
     reference = drawn_pose(model, plant)
     motions = free_motions(plant, reference)
-    scalar = [a for a, row in model.parameters.items() if row.declaration.size == 1 and row.value]
+    table = model.parameters
+    scalar = [a for a, row in table.items() if row.declaration.size == 1 and row.value]
     count, free = len(scalar), motions.shape[2]
     names = [*map("-".join, scalar), *(f"{what} {i}" for what in ("coordinate", "rate") for i in range(free))]
     first = 0.02 * np.arange(1, free + 1)
-    at = np.array([*(model.parameters[a].value for a in scalar), *first, *(10 * first)])
+    at = np.array([*(table[a].value for a in scalar), *first, *(10 * first)])
 
     def seen(x):
         # Differences cannot bear the default's 1e-10 of solver noise.
