@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from backend.blind.contacts import DEAD, DEAD_BLOW, Capsules, Pads, hunt_crossley, pair_mass
-from backend.blind.poses import quaternion, rotation_matrix
+from backend.blind.poses import cross, quaternion, rotation_matrix
 
 if TYPE_CHECKING:
     from backend.blind.drawing import DrawnJoint
@@ -157,7 +157,7 @@ def add_capsules(model: ExudynModel, pair: Capsules) -> None:
         contact = near_a + (pair.radius_a - 0.5 * depth) * n
 
         def velocity(i: int) -> np.ndarray:
-            return q_dot[i][:3] + np.cross(R[i] @ turning(q[i][3:]) @ q_dot[i][3:], contact - p[i])
+            return q_dot[i][:3] + cross(R[i] @ turning(q[i][3:]) @ q_dot[i][3:], contact - p[i])
 
         v = velocity(pair.b) - velocity(pair.a)
         approach = -float(v @ n)
@@ -171,7 +171,7 @@ def add_capsules(model: ExudynModel, pair: Capsules) -> None:
         made = []
         for i in moving:
             force = on_b if i == pair.b else -on_b
-            made += [*force, *(turning(q[i][3:]).T @ R[i].T @ np.cross(contact - p[i], force))]
+            made += [*force, *(turning(q[i][3:]).T @ R[i].T @ cross(contact - p[i], force))]
         return made
 
     size = 7 * len(moving)

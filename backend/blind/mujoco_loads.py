@@ -10,7 +10,7 @@ import numpy as np
 from backend.blind.contacts import DEAD, DEAD_BLOW, Pads, hunt_crossley, pair_mass
 from backend.blind.drawing import Drawing, DrawnJoint, Strut
 from backend.blind.peer import peer
-from backend.blind.poses import Poses
+from backend.blind.poses import Poses, cross
 
 CREEP = 1e-5  # m/s: below it a pad's friction is proportional to speed, where the step lets it
 SLOWEST_BLOW = 1e-2  # m/s: slower ones on a soft wall bounce less than they should
@@ -144,7 +144,7 @@ class Loads:
             return np.zeros(3)
         mujoco, twist, id = peer("mujoco"), np.zeros(6), self.ids[i]
         mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_BODY, id, twist, 0)
-        return twist[3:] + np.cross(twist[:3], point - data.xipos[id])  # mjOBJ_BODY is centred at the centre of mass
+        return twist[3:] + cross(twist[:3], point - data.xipos[id])  # mjOBJ_BODY is centred at the centre of mass
 
     def _add(
         self, data: Any, i: int, force: np.ndarray, point: np.ndarray | None, torque: np.ndarray | None = None
@@ -153,7 +153,7 @@ class Loads:
             id = self.ids[i]
             data.xfrc_applied[id, :3] += force
             if point is not None:
-                data.xfrc_applied[id, 3:] += np.cross(point - data.xipos[id], force)
+                data.xfrc_applied[id, 3:] += cross(point - data.xipos[id], force)
             if torque is not None:
                 data.xfrc_applied[id, 3:] += torque
 

@@ -217,11 +217,13 @@ def _report(
 
 
 def _numbers(values: Sequence[float] | np.ndarray) -> tuple[float, ...]:
-    return tuple(float(f"{value:.{DIGITS - 1}e}") for value in np.nan_to_num(np.asarray(values, float)))
+    plain = np.nan_to_num(np.asarray(values, float)).tolist()  # numpy's own numbers take four times as long to write
+    return tuple(float(f"{value:.{DIGITS - 1}e}") for value in plain)
 
 
 def _vectors(values: np.ndarray) -> tuple[tuple[float, float, float], ...]:
-    return tuple((_numbers(row)) for row in values)  # type: ignore[misc]
+    flat = _numbers(values.ravel())
+    return tuple(zip(flat[::3], flat[1::3], flat[2::3], strict=True))
 
 
 def steps_of(duration_s: float, step_s: float) -> int:

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from backend.jam.follow import CHUNK, follow, plant_of, steady
 from backend.jam.knobs import driven, scaled
@@ -26,6 +26,11 @@ FLOWS = 1e3  # creep ratio that is motion even where play next to none leaves pi
 FREED = 0.02  # mechanism lengths or rad: what has come further than this, beyond its play, was free
 
 _closed = eqx.filter_jit(closed)
+
+
+@eqx.filter_jit
+def _coordinates(plant: System, pose: Pose, near: Float[Array, "joints"]) -> Float[Array, "joints"]:
+    return kinematics.coordinates_near(plant, kinematics.bodies(plant, pose), near)
 
 
 @dataclass(frozen=True)
@@ -64,8 +69,7 @@ class Scene:
         pose = self.pose if pose is None else pose
         if ideal and pose is self.pose and any(self.plant.contacts.loose):
             pose = _closed(self.plant, pose)
-        q = kinematics.unwrap(plant, kinematics.coordinates(plant, kinematics.bodies(plant, pose)), jnp.asarray(self.q))
-        return statics(plant, pose, q, self.gravity_drives)
+        return statics(plant, pose, _coordinates(plant, pose, jnp.asarray(self.q)), self.gravity_drives)
 
     def displaced(self, x: Float[np.ndarray, "freedoms"]) -> Statics:
         """Statics of the ideal copy's closed pose that is x (mechanism lengths and rad) away."""

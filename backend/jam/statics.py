@@ -205,12 +205,11 @@ def _turning_ends(system: System) -> np.ndarray:
 
 
 def _mass(system: System, length: float) -> np.ndarray:
-    which = np.flatnonzero(real(system))
-    whole = np.zeros((which.size, 6, which.size, 6))
-    for i, slot in enumerate(which):
-        whole[i, :3, i, :3] = float(system.mass[slot]) * length**2 * np.eye(3)
-        whole[i, 3:, i, 3:] = np.asarray(system.inertia[slot])
-    return whole.reshape(6 * which.size, -1)
+    every = np.arange(np.count_nonzero(real(system)))
+    whole = np.zeros((every.size, 6, every.size, 6))
+    whole[every, :3, every, :3] = np.asarray(system.mass)[real(system), None, None] * length**2 * np.eye(3)
+    whole[every, 3:, every, 3:] = np.asarray(system.inertia)[real(system)]
+    return whole.reshape(6 * every.size, -1)
 
 
 def _freedoms(system: System) -> int:
