@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
@@ -152,24 +153,42 @@ def _blocks(n: int, rows: Sequence[slice], parts: Sequence[np.ndarray]) -> np.nd
     return made
 
 
+@dataclass(frozen=True)
+class Beside:
+    """Columns of unknown sizes beside a fit, with all that the fit itself may do taken out of them (Schur complement).
+
+    known: log evidence of the fit alone, without its sign terms.  G, b: what is left of L'L and of L'r.
+    """
+
+    known: float
+    G: Float[np.ndarray, "m m"]
+    b: Float[np.ndarray, " m"]
+
+    @classmethod
+    def of(cls, fitted: Fitted, L: Float[np.ndarray, "n m"]) -> Beside:
+        """Raises LinAlgError where the fit's own columns have no curvature."""
+        few, J = fitted.count, fitted.J
+        shift = fitted.values - fitted.choice.start
+        H, pull = J.T @ J + np.diag(fitted.precision), J.T @ fitted.r
+        pull[:few] -= shift / fitted.choice.prior_sd**2
+        c = np.linalg.cholesky(H + 1e-13 * np.diag(np.diag(H)))
+        U, y = solve_triangular(c, J.T @ L, lower=True), solve_triangular(c, pull, lower=True)
+        missed = fitted.chi2 + float(np.sum((shift / fitted.choice.prior_sd) ** 2)) - float(y @ y)
+        sizes = float(np.sum(np.log(np.diag(c))) + np.sum(np.log(fitted.choice.prior_sd)))
+        return cls(-0.5 * missed - sizes, L.T @ L - U.T @ U, L.T @ fitted.r - U.T @ y)
+
+    def evidence(self, which: Sequence[int] | slice = slice(None)) -> Float[np.ndarray, " sizes"]:
+        """Log evidence with some of the columns, for each of the sizes that they may have."""
+        some = np.arange(self.b.size)[which]
+        w, V = np.linalg.eigh(self.G[np.ix_(some, some)])
+        stiff = np.maximum(w, 0.0) + SIZES[:, None] ** -2.0
+        gained = np.sum((V.T @ self.b[some]) ** 2 / stiff, 1)
+        return self.known + 0.5 * gained - 0.5 * np.sum(np.log(stiff), 1) - some.size * np.log(SIZES)
+
+
 def evidence(fitted: Fitted, L: Float[np.ndarray, "n bumps"]) -> Float[np.ndarray, " sizes"]:
     """Log evidence with unknown bumps of each size beside the fit; none is log_evidence without its sign terms."""
-    few, m = fitted.count, L.shape[1]
-    A = np.concatenate([fitted.J, L], 1)
-    G, b = A.T @ A, A.T @ fitted.r
-    k = fitted.x.size
-    G[np.arange(k), np.arange(k)] += fitted.precision
-    shift = fitted.values - fitted.choice.start
-    b[:few] -= shift / fitted.choice.prior_sd**2
-    base = fitted.chi2 + float(np.sum((shift / fitted.choice.prior_sd) ** 2))
-    found = []
-    for s in SIZES:
-        H = G.copy()
-        H[np.arange(k, k + m), np.arange(k, k + m)] += s**-2.0
-        c = np.linalg.cholesky(H + 1e-13 * np.diag(np.diag(H)))
-        y = np.linalg.solve(c, b)
-        found.append(-0.5 * (base - y @ y) - np.sum(np.log(np.diag(c))) - m * np.log(s))
-    return np.array(found) - float(np.sum(np.log(fitted.choice.prior_sd)))
+    return Beside.of(fitted, L).evidence()
 
 
 def log_mean(z: Sequence[float] | Float[np.ndarray, " n"]) -> float:

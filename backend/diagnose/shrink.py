@@ -62,9 +62,9 @@ def _test(probe: Probe, noise: Noise, i: int, values: np.ndarray, C: np.ndarray,
     start = np.linalg.pinv(A.T @ A, hermitian=True) if A.shape[1] else np.zeros((0, 0))
     allowed = sigma**2
     if values.size:
-        allowed = allowed + np.einsum("ij,jk,ik->i", J[:, : values.size], C, J[:, : values.size])
+        allowed = allowed + np.sum((J[:, : values.size] @ C) * J[:, : values.size], 1)
     if start.size:
-        allowed = allowed + np.einsum("ij,jk,ik->i", J[:, values.size :], start, J[:, values.size :])
+        allowed = allowed + np.sum((J[:, values.size :] @ start) * J[:, values.size :], 1)
     return Test(probe, keep, probe.data.value[keep] - seen[keep], allowed, sigma, seen)
 
 

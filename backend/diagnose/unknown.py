@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.flutter import flutters, waves
-from backend.diagnose.latent import Latent, evidence, log_mean, markers_and_axes, warp
+from backend.diagnose.latent import Beside, Latent, evidence, log_mean, markers_and_axes, warp
 from backend.diagnose.screen import library_slopes
 from backend.diagnose.subject import SAME, bumps_at
 
@@ -53,11 +53,12 @@ def unknown_evidence(
 
 def _law_evidence(bare: Fitted, L: Float[np.ndarray, "n terms"], few: bool) -> float:
     """Of a law of all terms; few: or of one of them, or of two, whichever they are."""
-    L, terms = L / np.maximum(np.linalg.norm(L, axis=0), 1e-300), range(L.shape[1])
+    terms = range(L.shape[1])
+    beside = Beside.of(bare, L / np.maximum(np.linalg.norm(L, axis=0), 1e-300))
     ways = [[list(terms)]]
     if few:
         ways += [[[k] for k in terms], [list(two) for two in combinations(terms, 2)]]
-    return log_mean([log_mean([log_mean(evidence(bare, L[:, some])) for some in way]) for way in ways if way])
+    return log_mean([log_mean([log_mean(beside.evidence(some)) for some in way]) for way in ways if way])
 
 
 def without_causes(fitted: Fitted) -> Fitted:

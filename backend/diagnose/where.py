@@ -69,7 +69,7 @@ class MissingForce:
             time = np.linspace(0.0, probe.duration_s * fitted.fraction, 200)
             shape = bumps_at(time, probe.duration_s, probe.bumps.shape[1])[:, :count] * unit
             part = slice(at, at + count)
-            sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", shape, C[part, part], shape), 0.0))
+            sd = np.sqrt(np.maximum(np.sum((shape @ C[part, part]) * shape, 1), 0.0))
             self.series[probe.experiment.id] = (time, shape @ mean[part], sd)
             at += count
 

@@ -18,7 +18,7 @@ def fitted_cameras(residuals: Residuals, solution: Solution, uncertainty: Uncert
     for source, z in residuals.camera_numbers(np.arange(solution.x.size)).items():
         eye = residuals.cameras[source]
         change = eye.root @ solution.x[z]
-        sd = np.sqrt(np.einsum("ij,jk,ik->i", eye.root, uncertainty.covariance[np.ix_(z, z)], eye.root))
+        sd = np.sqrt(np.sum((eye.root @ uncertainty.covariance[np.ix_(z, z)]) * eye.root, 1))
         known = np.sqrt(np.diag(np.array(eye.pose.covariance)))
         numbers = [
             CameraNumber(
