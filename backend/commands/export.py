@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from backend.commands.remote import Key, asking
-from backend.commands.terminal import AsJson, Out, answering, progress
+from backend.commands.terminal import BAD_INPUT, AsJson, Out, answering, progress
 
 
 def export(
@@ -29,7 +29,10 @@ def export(
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run a CadQuery script and write its mechanism.json and meshes; of a STEP file, a script and a picture."""
+    """Run a CadQuery script and write its mechanism.json and meshes; of a STEP file, a script and a picture.
+
+    A drawing with errors is written too, and the command ends with 2.
+    """
     chosen = _settings(settings or [])
     if proposing and upload is not None:
         raise typer.BadParameter(
@@ -59,6 +62,8 @@ def export(
                 told["page"] = there.page(there.store_mechanism(path, sent=lambda part: advance(part)))
             text += f"\nopen      {told['page']}"
         answer(told, text)
+        if not report.ok:
+            raise typer.Exit(BAD_INPUT)
 
 
 def _begin(step: Path, folder: Path, more: bool, as_json: bool) -> None:

@@ -10,8 +10,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from backend.cli import app
 from backend.commands.terminal import folder_for, stoppable
+from backend.mechanism import found_contacts
 from backend.mechanism.read import read_mechanism
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -152,6 +155,18 @@ def test_an_exported_script_that_prints_leaves_the_report_clean(tmp_path):
     assert report["ok"] is True
     assert Path(report["mechanism"]).is_file()
     assert "hello from the script" in done.stderr
+
+
+def test_a_drawing_with_errors_is_written_and_ends_with_exit_code_2(tmp_path, monkeypatch):
+    monkeypatch.setattr(found_contacts, "MOST_PAIRS", -1)
+    script = tmp_path / "design.py"
+    design = (ROOT / "samples" / "pendulum" / "design.py").read_text(encoding="utf-8")
+    found = design.replace("    return drawing", '    drawing.effect("link_contact", "all")\n    return drawing')
+    script.write_text(found, encoding="utf-8")
+    done = CliRunner().invoke(app, ["export", str(script), "--out", str(tmp_path / "drawn")])
+    assert done.exit_code == 2
+    assert "pairs of links may meet" in done.stdout
+    assert (tmp_path / "drawn" / "mechanism.json").is_file()
 
 
 def test_simulate_writes_a_motion_a_page_and_a_report(drawing, tmp_path):
