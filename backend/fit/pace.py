@@ -64,9 +64,10 @@ class Pace:
         if self._first is None:
             return None
         spent = self._clock() - self._first
-        if spent <= TRUSTED_S or not self._worked:
+        worked = self._worked + (0.0 if self._steps else self._part * self._piece)
+        if spent <= TRUSTED_S or not worked:
             return None
-        return spent / self._worked * max(self.planned - self._done - self._part * self._piece, 0.0)
+        return spent / worked * max(self.planned - self._done - self._part * self._piece, 0.0)
 
 
 def _rounded(seconds: float) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import count
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +23,7 @@ FIRST_STEPS = 12  # spent on a part of the records at most: the whole of them de
 PART, WHOLE = 4.0, 10.0  # iterations that a part of the records, or the whole of them, usually takes
 ROUND = 2.0  # iterations in whose time slopes are taken by differences, on every core at once
 DISTANCE = 3.0 * ROUND  # until these settle
+OVER_DISTANCE = "slopes over the distance that the data tell apart"
 LOST, FOLLOWED = 0.12, 0.5  # rad or mechanism lengths, as a diagnosis has it; share of it that is still followed
 BETWEEN, NEAREST = 6, 1.1  # parts more than asked at most; how much longer each is at least
 REWEIGHED = 3  # times at most
@@ -155,7 +157,7 @@ class Search:
         that belong to it.
         """
         for _ in range(REWEIGHED):
-            self.pace.enter(DISTANCE, "slopes over the distance that the data tell apart")
+            self.pace.enter(DISTANCE, OVER_DISTANCE)
             solution = self.smoothed(solution)
             if solution.status == "cancelled":
                 break
@@ -181,7 +183,8 @@ class Search:
         """As `secant.smoothed`, from what the first part of the records leaves open, over which a motion has hardly
         forked; as it was where the fit is cancelled meanwhile.
         """
-        problem, at_first = self.watched(self.residuals.problem()), None
+        half = 3.0 * solution.x.size  # simulations: of the rounds that slopes usually take to settle
+        problem, at_first = self.watched(self.residuals.problem(), OVER_DISTANCE, half), None
         if self.parts and self.residuals.strikes:
             J = self.residuals.evaluate(solution.x, self.parts[0][0])[1]
             at_first = deviations(problem, solution.x, J) if np.all(np.isfinite(J)) else None
@@ -195,12 +198,20 @@ class Search:
         if self.cancelled is not None and self.cancelled():
             raise Cancelled
 
-    def watched(self, problem: LeastSquares) -> LeastSquares:
-        """The same problem, whose simulations raise `Cancelled` once the fit is."""
+    def watched(self, problem: LeastSquares, words: str = "", half: float = 0.0) -> LeastSquares:
+        """The same problem, whose simulations raise `Cancelled` once the fit is.
+
+        half: simulations after which half of this piece of work is taken as done; each of them tells `words`.
+        """
+        done = count(1)
 
         def residual(x: np.ndarray) -> np.ndarray:
             self.heed()
-            return problem.residual(x)
+            found = problem.residual(x)
+            if half:
+                number = next(done)
+                self.pace.tell(number / (number + half), words)
+            return found
 
         return replace(problem, residual=residual)
 

@@ -55,3 +55,17 @@ def test_work_that_turns_out_to_lie_ahead_makes_the_rest_longer(paced):
     before = pace.left_s()
     pace.expect(12.0)
     assert pace.left_s() == pytest.approx(before + 12.0)
+
+
+def test_a_piece_that_tells_its_parts_counts_as_far_as_it_came(paced):
+    pace, now, told = paced
+    pace.enter(10.0)
+    for _ in range(5):
+        now[0] += 1.0
+        pace.step("searching")
+    pace.enter(6.0, "slopes")
+    now[0] += 12.0
+    pace.tell(0.5, "slopes")
+    # Four steps and half of a piece of six in 16 s; three of that piece and four that are planned behind it remain.
+    assert pace.left_s() == pytest.approx(16.0 / 7.0 * 7.0)
+    assert told[-1] == (pytest.approx(13.0 / 20.0), "slopes, about 15 s left")
