@@ -12,13 +12,18 @@ def paced():
     return Pace(lambda share, words: told.append((share, words)), 20.0, lambda: now[0]), now, told
 
 
+def search(pace, now):
+    """A piece of ten, of which five steps of a second are done."""
+    pace.enter(10.0)
+    for _ in range(5):
+        now[0] += 1.0
+        pace.step("searching")
+
+
 def test_work_that_costs_what_it_usually_does_is_foretold(paced):
     pace, now, told = paced
     for _ in range(2):
-        pace.enter(10.0)
-        for _ in range(5):
-            now[0] += 1.0
-            pace.step("searching")
+        search(pace, now)
     # A step took a second; five steps of a piece of ten tell 5/9 of it, which leaves 4.4 of 20.
     assert pace.left_s() == pytest.approx(40 / 9)
     assert told[-1] == (pytest.approx(15.56 / 20, abs=1e-3), "searching, about 5 s left")
@@ -48,10 +53,7 @@ def test_the_share_never_falls_though_more_work_comes_than_planned(paced):
 
 def test_work_that_turns_out_to_lie_ahead_makes_the_rest_longer(paced):
     pace, now, _ = paced
-    pace.enter(10.0)
-    for _ in range(5):
-        now[0] += 1.0
-        pace.step("searching")
+    search(pace, now)
     before = pace.left_s()
     pace.expect(12.0)
     assert pace.left_s() == pytest.approx(before + 12.0)
@@ -59,10 +61,7 @@ def test_work_that_turns_out_to_lie_ahead_makes_the_rest_longer(paced):
 
 def test_a_piece_that_tells_its_parts_counts_as_far_as_it_came(paced):
     pace, now, told = paced
-    pace.enter(10.0)
-    for _ in range(5):
-        now[0] += 1.0
-        pace.step("searching")
+    search(pace, now)
     pace.enter(6.0, "slopes")
     now[0] += 12.0
     pace.tell(0.5, "slopes")
