@@ -159,6 +159,8 @@ class System(eqx.Module):
 
     def point(self, body: np.ndarray, p_BP: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
         """Drawn points of bodies (slots) -> from the centre of mass of the real part, in body axes."""
+        if not len(body):
+            return p_BP
         return jnp.einsum("nij,nj->ni", self.stretch[body], p_BP) - self.center_of_mass[body]
 
 

@@ -104,6 +104,9 @@ def face(
     A push along the normal at q_k keeps a sliding contact second order in time, as SHAKE does; along the normal ahead
     it would brake it.  A part that is still in flight at q_k tells nothing of where it will touch.
     """
+    if not contacts.count:
+        none = jnp.zeros((0, 2))
+        return Face(jnp.zeros(0), none, none, jnp.zeros((0, 2, 2)), none)
     d, tip = eta[:, :2], ROUND_TIP * room
     outward, length = _radial(contacts, d, tip)
     back = here[:, :2] - d

@@ -367,6 +367,8 @@ def _turn_columns(block: Float[Array, "slots 6 6"], turn: Array) -> Float[Array,
 
 
 def _strut_there(system: System, strut_slope: Array, turn: Array) -> Array:
+    if not system.topology.struts:
+        return strut_slope
     slots = system.topology.slots
     index = np.minimum(np.array(system.topology.struts, dtype=int).reshape(-1, 2), slots)
     both = jnp.concatenate([turn, jnp.eye(3)[None]])[index]

@@ -118,6 +118,8 @@ def _of_rates(
 
 def strut_lines(system: System, placed: Bodies) -> Lines:
     """Length and slope of every strut."""
+    if not system.topology.struts:
+        return Lines(jnp.zeros(0), jnp.zeros((0, 12)))
     ends = np.array(system.topology.struts, dtype=int).reshape(-1, 2)
     a, b = ends[:, 0], ends[:, 1]
     R_WA, R_WB = picked(placed.rotation, a), picked(placed.rotation, b)

@@ -49,6 +49,8 @@ def account(
 
     ahead: gap at q_{k+1}; rates: of the gaps in the steps around q_k; taken: by the step before; barrier in J.
     """
+    if not push.normal.size:
+        return taken, ahead
     moved = reach.step_s * (rates[0] + rates[1])  # by the gap, over both steps
     left = taken - push.normal * moved / (2.0 * reach.step_s)
     pressed = reach.ease * push.normal > push.slack

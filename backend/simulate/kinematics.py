@@ -191,6 +191,8 @@ def turned(system: System, xi: Float[Array, "slots 6"]) -> Float[Array, "joints"
 
 def ease(system: System, rows: Float[Array, "n k 12"], pairs: np.ndarray) -> Float[Array, "n"]:
     """Inverse of the mass that two bodies alone oppose to a push along their rows, the largest of k rows."""
+    if not len(pairs):
+        return jnp.zeros(0)
     share = jnp.stack([1.0 / system.mass, 3.0 / jnp.trace(system.inertia, axis1=1, axis2=2)], -1).repeat(3, -1)
     both = picked(share, np.minimum(pairs, system.topology.slots).ravel()).reshape(-1, 1, 12)
     return jnp.max(jnp.sum(rows * rows * both, -1), -1)

@@ -168,6 +168,8 @@ def gaps(at: Meeting, system: System, xi: BodyRows) -> Float[Array, "places"]:
 def _pad_rows(system: System, bodies: Bodies) -> Float[Array, "pads 2 6"]:
     """Slope of a pad's shift in the bed's plane."""
     pads = system.pads
+    if not pads.count:
+        return jnp.zeros((0, 2, 6))
     which = np.array(pads.bodies, dtype=int)
     n = pads.normal
     seed = jnp.where(jnp.abs(n[0]) < 0.9, jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, 1.0, 0.0]))

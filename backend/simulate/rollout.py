@@ -1,6 +1,7 @@
 """Many steps in a row, from a start to a trajectory."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,6 +16,7 @@ from backend.simulate.contact import Push
 from backend.simulate.equations import Motion, refreshed
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Impulses
+from backend.simulate.loop import loop
 from backend.simulate.momentum import instantaneous
 from backend.simulate.piece import Piece
 from backend.simulate.record import Record
@@ -155,60 +157,84 @@ def march(
 ) -> tuple[tuple[Motion, Array], Seen]:
     """Some steps from where a motion stands; the carry is the motion and whether it is lost. until: see `rollout`."""
 
-    def advance(carry: tuple[Motion, Array], drives: Array | None) -> tuple[tuple[Motion, Array], Seen]:
-        motion, lost = carry
-        acting = shaken(system, motion.time_s)
-        acting = acting if record is None or drives is None else record.apply(acting, drives)
-        if halvings:
-            after, gone, seen = _cut_step(acting, motion, lost, step_s, halvings)
-        else:
-            after, solved, _ = _frugal_step(acting, motion, step_s, _targets(acting), _unbounded(acting))
-            gone = lost | _failed(solved, LOST)
-            seen = _node(system, motion, after, solved, step_s, gone)
-        kept = jax.tree.map(lambda old, new: jnp.where(gone, old, new), motion, after)
-        return (kept, gone), seen._replace(lost=gone)
-
-    carry = _moving(carry[0]), carry[1]
+    by = system, carry[0], step_s, record
+    carry = _moving(carry[0], step_s, by), carry[1]
+    drives = None if record is None else record.values
     if until is None:
-        return lax.scan(advance, carry, None if record is None else record.values, length=steps)
 
-    end = jnp.minimum(until + 1, steps)
+        def advance(carry: tuple[Motion, Array], drives: Array | None) -> tuple[tuple[Motion, Array], Seen]:
+            return _advanced(_frugal_step, system, carry, step_s, record, drives, halvings)
 
-    def wanted(now: tuple[Array, tuple[Motion, Array], Seen]) -> Array:
-        return (now[0] < end) & ~now[1][1]
+        return lax.scan(advance, carry, drives, length=steps)
 
-    def onward(now: tuple[Array, tuple[Motion, Array], Seen]) -> tuple[Array, tuple[Motion, Array], Seen]:
-        k, carry, every = now
-        carry, seen = advance(carry, None if record is None else record.values[k])
+    def wanted(given: tuple, now: tuple[Array, tuple[Motion, Array], Seen]) -> Array:
+        return (now[0] < given[-1]) & ~now[1][1]
+
+    def onward(given: tuple, now: tuple[Array, tuple[Motion, Array], Seen]) -> tuple:
+        (system, step_s, record, _), (k, carry, every) = given, now
+        drives = None if record is None else record.values[k]
+        carry, seen = _advanced(step, system, carry, step_s, record, drives, halvings)
         return k + 1, carry, jax.tree.map(lambda all_, one: all_.at[k].set(one), every, seen)
 
-    node = jax.eval_shape(advance, carry, None if record is None else record.values[0])[1]
-    room = jax.tree.map(lambda one: jnp.zeros((steps, *one.shape), one.dtype), node)
-    room = _looked_at(room, carry[0])
-    taken, carry, seen = lax.while_loop(wanted, onward, (jnp.zeros((), dtype=int), carry, room))
+    room = jax.tree.map(lambda one: jnp.zeros((steps, *one.shape), one.dtype), _unseen(system, carry[0]))
+    room = _looked_at(room, by)
+    given = system, step_s, record, jnp.minimum(until + 1, steps)
+    taken, carry, seen = loop(wanted, onward, given, (jnp.zeros((), dtype=int), carry, room))
     # What is lost stays lost: the last node, behind which no time is spent, says so for all that follow.
     behind = jnp.minimum(jnp.arange(steps), taken - 1)
     return carry, jax.tree.map(lambda all_: all_[behind], seen)
 
 
-def _moving(motion: Motion) -> Motion:
-    """The same motion, where all that the steps give slopes to has one from the beginning."""
+def _advanced(
+    stepped: Callable[..., tuple[Motion, Solved, Bounds]],
+    system: System,
+    carry: tuple[Motion, Array],
+    step_s: float | Array,
+    record: Record | None,
+    drives: Array | None,
+    halvings: int,
+) -> tuple[tuple[Motion, Array], Seen]:
+    motion, lost = carry
+    acting = shaken(system, motion.time_s)
+    acting = acting if record is None or drives is None else record.apply(acting, drives)
+    if halvings:
+        after, gone, seen = _cut_step(acting, motion, lost, step_s, halvings)
+    else:
+        after, solved, _ = stepped(acting, motion, step_s, _targets(acting), _unbounded(acting))
+        gone = lost | _failed(solved, LOST)
+        seen = _node(system, motion, after, solved, step_s, gone)
+    kept = jax.tree.map(lambda old, new: jnp.where(gone, old, new), motion, after)
+    return (kept, gone), seen._replace(lost=gone)
+
+
+def _moving(motion: Motion, step_s: float | Array, by: Any) -> Motion:
+    """The same motion, where all that the steps give slopes to has one from the beginning, if anything of `by` has."""
 
     def begun(m: Motion) -> tuple:
-        return m.momentum, m.velocity, m.acceleration, m.rate, m.borne, m.opening, m.parting, m.taken
+        return m.pose, m.momentum, m.velocity, m.acceleration, m.rate, m.borne, m.opening, m.parting, m.taken
 
-    return eqx.tree_at(begun, motion, jax.tree.map(lambda a: varied(a, _place(motion)), begun(motion)))
+    def timed(m: Motion) -> tuple:
+        return m.time_s, m.before_s
+
+    motion = eqx.tree_at(timed, motion, varied(timed(motion), jnp.asarray(step_s)))
+    return eqx.tree_at(begun, motion, varied(begun(motion), by))
 
 
-def _looked_at(node: Seen, motion: Motion) -> Seen:
-    """The same, with slopes where `_node` gives some."""
+def _unseen(system: System, motion: Motion) -> Seen:
+    """A node of which nothing is known yet."""
+    joints, walls, places = len(system.coordinate), system.contacts.count, touch.PLACES * system.touches.count
+    none, count = jnp.zeros(()), jnp.zeros((), dtype=int)
+    still, rows = jnp.zeros_like(motion.velocity), jnp.zeros((joints, 6))
+    loads = jnp.zeros(walls), jnp.zeros(places)
+    return Seen(
+        motion.pose, still, motion.q, jnp.zeros(joints), rows, *loads, count, none, jnp.zeros((), dtype=bool), count
+    )
+
+
+def _looked_at(node: Seen, by: Any) -> Seen:
+    """The same, with slopes where `_node` gives some, if anything of `by` has one."""
     moving = node.pose, node.velocity, node.q, node.rate, node.reaction, node.wall, node.touch
-    return Seen(*jax.tree.map(lambda a: varied(a, _place(motion)), moving), *node[len(moving) :])
-
-
-def _place(motion: Motion) -> Array:
-    """A number that varies with whatever moves the bodies."""
-    return jnp.sum(motion.pose.position[:1])
+    return Seen(*varied(moving, by), *node[len(moving) :])
 
 
 def shaken(system: System, time_s: Array) -> System:
@@ -236,15 +262,15 @@ def _cut_step(
     system: System, motion: Motion, lost: Array, step_s: float | Array, halvings: int
 ) -> tuple[Motion, Array, Seen]:
     """One step, in as many pieces as Newton's method needs, and such that no wall gives back more than it took."""
-    target, unbounded = _targets(system), _unbounded(system)
 
-    def unfinished(now: _Attempt) -> Array:
+    def unfinished(given: tuple, now: _Attempt) -> Array:
         return (now.done < 1.0) & ~now.gone
 
-    def attempt(now: _Attempt) -> _Attempt:
+    def attempt(given: tuple, now: _Attempt) -> _Attempt:
+        system, step_s, begun, target, unbounded = given
         piece = Piece(now.cuts)
         share = piece.share
-        along = motion.q + (now.done + share) * (target - motion.q)
+        along = begun + (now.done + share) * (target - begun)
         after, solved, asked = step(system, now.motion, share * step_s, along, now.most, piece)
         last = now.cuts == halvings
         failed = _failed(solved, jnp.where(last, LOST, UNSOLVED * system.tolerance))
@@ -268,15 +294,12 @@ def _cut_step(
             jnp.where(overdrawn, now.payments + 1, 0),
         )
 
-    joints, walls, places = len(system.coordinate), system.contacts.count, touch.PLACES * system.touches.count
     none, count = jnp.zeros(()), jnp.zeros((), dtype=int)
-    still, rows = jnp.zeros_like(motion.velocity), jnp.zeros((joints, 6))
-    loads = jnp.zeros(walls), jnp.zeros(places)
-    node = Seen(motion.pose, still, motion.q, jnp.zeros(joints), rows, *loads, count, none, lost, count)
-    node = _looked_at(node, motion)
-    most = jax.tree.map(lambda a: varied(a, _place(motion)), unbounded)
-    begin = _Attempt(motion, none, count, lost, node, most, count)
-    end = lax.while_loop(unfinished, attempt, begin)
+    by = system, motion.pose
+    node = _looked_at(_unseen(system, motion), by)
+    unbounded = _unbounded(system)
+    begin = _Attempt(motion, none, count, lost, node, varied(unbounded, by), count)
+    end = loop(unfinished, attempt, (system, step_s, motion.q, _targets(system), unbounded), begin)
     return end.motion, end.gone, end.node
 
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array
 
 
 def along(function: Callable, primals: tuple, tangents: tuple) -> tuple[Any, Any]:
@@ -35,13 +35,22 @@ known.defjvp(_known_jvp, symbolic_zeros=True)
 
 
 @jax.custom_jvp
-def varied(value: Array, by: Array) -> Array:
-    """`value`, with a slope of zero where `by` has one: a loop that begins so is traced once, instead of until it is
-    settled what in it has slopes.
-    """
+def varied(value: Any, by: Any) -> Any:
+    """`value`, with a slope of zero where anything of `by` has one: what a loop gives slopes to must begin with one."""
     return value
 
 
-@varied.defjvp
-def _varied_jvp(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
-    return primals[0], tangents[0] + 0.0 * tangents[1]
+def _varied_jvp(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
+    leaves, tree = jax.tree.flatten(primals[0])
+    changes = tree.flatten_up_to(tangents[0])
+    causes = [c for c in jax.tree.leaves(tangents[1]) if not isinstance(c, SymbolicZero)]
+    if causes:
+        none = 0.0 * jnp.ravel(causes[0])[0]  # not a plain zero: it goes in all directions that the cause goes in
+        changes = [
+            jnp.full(leaf.shape, none) if isinstance(change, SymbolicZero) else change
+            for leaf, change in zip(leaves, changes, strict=True)
+        ]
+    return primals[0], tree.unflatten(changes)
+
+
+varied.defjvp(_varied_jvp, symbolic_zeros=True)

@@ -316,7 +316,10 @@ def _size(
         [],
     )
     now, left = unknowns.impulses, residual.impulses
-    groups = [(system.contacts, at.drive.reach, now.walls, left.walls, system.joint_mass[system.contacts.at])]
+    groups = []
+    if system.contacts.count:
+        mass = system.joint_mass[system.contacts.at]
+        groups.append((system.contacts, at.drive.reach, now.walls, left.walls, mass))
     if system.touches.count:
         mass = jnp.repeat(system.touch_mass, touch.PLACES)
         groups.append((touch.walls(system), at.meeting.reach, now.touches, left.touches, mass))

@@ -53,6 +53,8 @@ def walls(system: System) -> JointContacts:
 
 def near(system: System, bodies: Bodies) -> Near:
     """Where the capsules of every pair are nearest at these poses."""
+    if not system.touches.count:
+        return Near(jnp.zeros(0), jnp.zeros((0, 2, 12)))
     first, second = np.array(system.topology.touches, dtype=int).reshape(-1, 2).T
     ends = []
     for slots, capsule in ((first, system.touches.first), (second, system.touches.second)):
