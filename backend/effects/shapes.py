@@ -4,6 +4,7 @@ from abc import abstractmethod
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -308,6 +309,7 @@ class AbstractClock(AbstractEffect):
         """When a sample that says `time_s` was taken [s]."""
 
 
+@jax.jit
 def across(axis: Float[Array, "3"]) -> Float[Array, "2 3"]:
     """The two coordinate axes that lie across a direction best, in order: x and y across z, x and z across y."""
     two = jnp.array([[1, 2], [0, 2], [0, 1]])[jnp.argmax(jnp.abs(axis))]

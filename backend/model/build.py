@@ -71,7 +71,8 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     drawing = _drawing(mechanism, bodies, uncut, near)
     poses = np.array([_pose(b) for b in bodies])
     turning = [i for i in range(len(uncut.joints)) if topology.joint_types[i] in TURNING]
-    axes_W = [_rotation(poses[topology.joints[i][0], 3:]) @ drawing.axes_a[i, :, 2] for i in turning]
+    axes_a = np.asarray(drawing.axes_a)
+    axes_W = [_rotation(poses[topology.joints[i][0], 3:]) @ axes_a[i, :, 2] for i in turning]
     _check_bed(drawn, axes_W)
     up = -np.array(mechanism.gravity_m_per_s2, dtype=float)
     axes_W = axes_W or [up if up.any() else np.array([0.0, 0.0, 1.0])]
@@ -82,7 +83,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
         drawing=drawing,
         effects=placed,
         drawn_poses=jnp.asarray(poses),
-        marker_points=jnp.array([m.position_m for m in mechanism.markers], dtype=float).reshape(-1, 3),
+        marker_points=jnp.array(np.reshape([m.position_m for m in mechanism.markers], (-1, 3)), dtype=float),
         marker_ids=tuple(m.id for m in mechanism.markers),
         marker_bodies=tuple(topology.slot(m.body) for m in mechanism.markers),
         camera=camera(mechanism, world_axis(jnp.asarray(np.array(axes_W)))),
@@ -122,12 +123,12 @@ def _drawing(mechanism: Mechanism, bodies: list[Body | None], uncut: Mechanism, 
         mass=jnp.array([i.mass_kg if i else 1.0 for i in inertial]),
         center_of_mass=jnp.array([i.center_of_mass_m if i else (0.0, 0.0, 0.0) for i in inertial]),
         inertia=jnp.array([i.inertia_kg_m2.matrix() if i else np.eye(3) for i in inertial]),
-        stretch=jnp.tile(jnp.eye(3), (count, 1, 1)),
+        stretch=jnp.array(np.tile(np.eye(3), (count, 1, 1))),
         length_axis=jnp.array([_length_axis(points, b) if b else (1.0, 0, 0) for b in bodies]),
-        point_a=jnp.array([j.frame_a.position_m for j in joints], dtype=float).reshape(-1, 3),
-        point_b=jnp.array([j.frame_b.position_m for j in joints], dtype=float).reshape(-1, 3),
-        axes_a=jnp.array([_rotation(j.frame_a.quaternion_wxyz) for j in joints]).reshape(-1, 3, 3),
-        axes_b=jnp.array([_rotation(j.frame_b.quaternion_wxyz) for j in joints]).reshape(-1, 3, 3),
+        point_a=jnp.array(np.reshape([j.frame_a.position_m for j in joints], (-1, 3)), dtype=float),
+        point_b=jnp.array(np.reshape([j.frame_b.position_m for j in joints], (-1, 3)), dtype=float),
+        axes_a=jnp.array(np.reshape([_rotation(j.frame_a.quaternion_wxyz) for j in joints], (-1, 3, 3))),
+        axes_b=jnp.array(np.reshape([_rotation(j.frame_b.quaternion_wxyz) for j in joints], (-1, 3, 3))),
         pin_radius=jnp.array([_pin_radius(j) for j in joints]),
         begins_near=jnp.array([near.get(j.id, 0.0) for j in joints], dtype=float),
         gravity=jnp.array(mechanism.gravity_m_per_s2, dtype=float),

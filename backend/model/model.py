@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -183,6 +184,7 @@ def _components(name: str, value: float | tuple[float, ...]) -> dict[str, float]
     return {f"{name}[{i}]": one for i, one in enumerate(value)} if isinstance(value, tuple) else {}
 
 
+@jax.jit
 def world_axis(axes: Float[Array, "joints 3"]) -> Float[Array, "3"]:
     """The direction that axes share, sign of the first."""
     signs = jnp.sign(axes @ axes[0])

@@ -32,6 +32,7 @@ class Start(eqx.Module):
     velocity: Float[Array, "slots 6"]
 
 
+@eqx.filter_jit
 def drawn_pose(model: Model, made: System) -> Pose:
     """Every moving body where the drawing puts its origin and axes."""
     slots = model.topology.slots

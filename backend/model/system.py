@@ -164,6 +164,7 @@ class System(eqx.Module):
         return jnp.einsum("nij,nj->ni", self.stretch[body], p_BP) - self.center_of_mass[body]
 
 
+@eqx.filter_jit  # one by one its operations would take ten times as long to compile
 def system(model: Model, tolerance: float = TOLERANCE) -> System:
     """Apply the errors of the drawing, then add up what acts at each joint.
 

@@ -215,11 +215,16 @@ def free_motions(system: System, pose: Pose) -> Float[np.ndarray, "slots 6 mobil
     return null_space(system.centred(), pose)
 
 
+@eqx.filter_jit
+def _values(system: System, pose: Pose) -> Float[Array, "joints 6"]:
+    return kinematics.rows(system, kinematics.bodies(system, pose)).value
+
+
 def worst_gap(system: System, pose: Pose) -> Gap:
     """The joint that is furthest from closed at a pose."""
     value = np.where(
         system.held_rows & ~system.coordinate_rows,
-        np.asarray(kinematics.rows(system, kinematics.bodies(system, pose)).value),
+        np.asarray(_values(system, pose)),
         0.0,
     )
     if value.size == 0:

@@ -177,7 +177,12 @@ def check_ends(model: Model, plant: System) -> None:
 
 
 def _drawn_at(model: Model, plant: System) -> Float[np.ndarray, "joints"]:
-    return np.asarray(kinematics.coordinates(plant, kinematics.bodies(plant, drawn_pose(model, plant))))
+    return np.asarray(_coordinates(plant, drawn_pose(model, plant)))
+
+
+@eqx.filter_jit
+def _coordinates(plant: System, pose: Pose) -> Float[Array, "joints"]:
+    return kinematics.coordinates(plant, kinematics.bodies(plant, pose))
 
 
 def _unit(plant: System, joint: int) -> tuple[str, float]:
