@@ -142,8 +142,9 @@ def _along(primals: tuple, tangents: tuple, *, rounds: _Rounds, moving: tuple[in
     if moving:  # the slope of a slope: JAX's own way
 
         def moved(*some: Array) -> list[Array]:
-            here = dict(zip(varying, some, strict=True))
-            every = [here[at] if at in here else x for at, x in enumerate(primals)]
+            every = list(primals)
+            for at, x in zip(varying, some, strict=True):
+                every[at] = x
             return _called(*every, rounds=rounds, moving=moving)
 
         return jax.jvp(moved, tuple(primals[at] for at in varying), tuple(changes))
