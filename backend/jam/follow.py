@@ -18,7 +18,6 @@ HALVINGS = 10  # times a step may be cut in two before the motion is lost
 
 Progress = Callable[[int, int], None]
 
-plant_of = eqx.filter_jit(system)
 _depart = eqx.filter_jit(depart)
 _march = eqx.filter_jit(march)
 
@@ -35,7 +34,7 @@ def follow(
 
     After a step that cannot be solved the trajectory is frozen and `lost`.
     """
-    plant = plant_of(model)
+    plant = system(model)
     carry, parts = (_depart(plant, start), jnp.zeros((), dtype=bool)), []
     for first in range(0, steps + 1, CHUNK):
         carry, seen = _march(plant, carry, jnp.asarray(step_s), CHUNK, _part(record, first), HALVINGS)

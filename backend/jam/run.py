@@ -14,7 +14,7 @@ from backend.fit.measured import measured
 from backend.fit.pose import find_start
 from backend.jam.cause import Finding, find_balance, find_cause
 from backend.jam.cone import shortage
-from backend.jam.follow import Progress, follow, plant_of
+from backend.jam.follow import Progress, follow
 from backend.jam.mobility import Mobility, mobility_along
 from backend.jam.scene import Scene
 from backend.jam.stuck import AT_REST, at_rest, creep_ratio
@@ -26,7 +26,7 @@ from backend.model.build import build
 from backend.model.flexible import split
 from backend.model.model import Model
 from backend.model.state import Start
-from backend.model.system import System
+from backend.model.system import System, system
 from backend.simulate.assemble import let_go
 from backend.simulate.assemble import start as closed_start
 from backend.simulate.record import Record, beginning, on_steps, series_of
@@ -63,7 +63,7 @@ def jam(
     """
     steps = steps_of(duration_s, step_s)
     model = build(mechanism)
-    plant = plant_of(model)
+    plant = system(model)
     check_drives(model, plant)
     check_ends(model, plant)
     start = let_go(plant, assembled(model, plant))
@@ -83,7 +83,7 @@ def jam_study(
         own = beginning(own, series_of(experiment))
         data = measured(experiment, own)
         steps = steps_of(duration_s or float(data.time_s.max() - data.release_s), step_s)
-        plant = plant_of(own)
+        plant = system(own)
         try:
             begin = find_start(own, data, experiment.release)
             check_closed(plant, begin.reference)

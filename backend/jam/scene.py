@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from backend.jam.follow import CHUNK, follow, plant_of, steady
+from backend.jam.follow import CHUNK, follow, steady
 from backend.jam.knobs import driven, scaled
 from backend.jam.statics import Statics, statics
 from backend.jam.stuck import AT_REST, creep_ratio, largest_play, travel
 from backend.model.model import Address, Model
 from backend.model.state import Pose, Start
-from backend.model.system import System
+from backend.model.system import System, system
 from backend.simulate import kinematics
 from backend.simulate.assemble import closed
 from backend.simulate.record import Record
@@ -56,7 +56,7 @@ class Scene:
             model = model.with_parameters(dict(zip(record.addresses, now, strict=True)))
         pose = jax.tree.map(lambda leaf: leaf[node], path.pose)
         radial = np.asarray(path.reaction[node, :, :2])
-        return cls(model, plant_of(model), pose, np.asarray(path.q[node]), radial, record, step_s)
+        return cls(model, system(model), pose, np.asarray(path.q[node]), radial, record, step_s)
 
     @property
     def gravity_drives(self) -> bool:
@@ -86,7 +86,7 @@ class Scene:
         It is simulated for 250 steps.  only: plays that change; all by default.
         """
         model = scaled(self.model, drive, friction, play, only, self.gravity_drives)
-        pose = self.pose if play == 1.0 else _closed(plant_of(model), self.pose)
+        pose = self.pose if play == 1.0 else _closed(system(model), self.pose)
         start = Start(pose, jnp.zeros((model.topology.slots, 6)))
         plant, path = follow(model, start, self.step_s, CHUNK - 1, steady(self.record, model))
         still_moving = float(creep_ratio(plant, path)[-3:].min()) > (AT_REST if play == 1.0 else FLOWS)

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from backend.jam.batch import _meets, verdicts
-from backend.jam.follow import plant_of
 from backend.mechanism.effect import Effect
 from backend.model.build import build
 from backend.model.state import drawn_pose
+from backend.model.system import system
 from backend.simulate.assemble import closed
 from tests.jam import cases
 from tests.jam.weak import weak_bar
@@ -45,5 +45,5 @@ def test_a_sample_whose_loop_cannot_close_is_told_as_lost(shorter, closes):
     model = build(
         cases.toggle(), [Effect(id="cut", kind="length_error", on=("coupler",), parameters={"relative": -shorter})]
     )
-    plant = plant_of(model)
+    plant = system(model)
     assert bool(_meets(plant, eqx.filter_jit(closed)(plant, drawn_pose(model, plant)))) == closes
