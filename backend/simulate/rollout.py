@@ -156,7 +156,6 @@ def march(
     until: Int[Array, ""] | None = None,
 ) -> tuple[tuple[Motion, Array], Seen]:
     """Some steps from where a motion stands; the carry is the motion and whether it is lost. until: see `rollout`."""
-
     by = system, carry[0], step_s, record
     carry = _moving(carry[0], step_s, by), carry[1]
     drives = None if record is None else record.values
@@ -194,6 +193,7 @@ def _advanced(
     drives: Array | None,
     halvings: int,
 ) -> tuple[tuple[Motion, Array], Seen]:
+    """One step of a march.  stepped: `step`, or what keeps less of it where slopes are taken backwards."""
     motion, lost = carry
     acting = shaken(system, motion.time_s)
     acting = acting if record is None or drives is None else record.apply(acting, drives)
