@@ -9,10 +9,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import scaled
+from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import log_evidence
 from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
-from backend.diagnose.which import APART, Cause
+from backend.diagnose.which import APART
 
 NONE, ONE, UNKNOWN, SEVERAL = 0.3, 0.5, 0.2, 0.1
 """Belief before any data in: nothing, one effect of the library, something that is not in it, several at once."""

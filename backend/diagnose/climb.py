@@ -9,6 +9,7 @@ import numpy as np
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
+from backend.diagnose.cause import Cause
 from backend.diagnose.ends import stopping_alike
 from backend.diagnose.fitted import log_evidence
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library
@@ -17,7 +18,7 @@ from backend.diagnose.softness import softness
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import passed
 from backend.diagnose.where import place_evidence, shares
-from backend.diagnose.which import LEADERS, PARTNERS, Cause, Search
+from backend.diagnose.which import LEADERS, PARTNERS, Search
 from backend.mechanism.study import Study, driven_effects
 
 ALPHA = 0.01

@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from backend.diagnose.cause import Cause
 from backend.diagnose.library import Candidate
 from backend.diagnose.switch import is_upper, passed
-from backend.diagnose.which import Cause, Search
+from backend.diagnose.which import Search
 from backend.effects.catalogue import catalogue
 from backend.effects.shapes import AbstractJointStop
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from backend.diagnose.belief import APART, Belief
+from backend.diagnose.cause import Cause
 from backend.diagnose.library import Candidate
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Subject
-from backend.diagnose.which import Cause
 from backend.fit.remedy import pose_words
 from backend.mechanism.gap_report import NextExperiment
 

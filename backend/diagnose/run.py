@@ -12,6 +12,7 @@ import numpy as np
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, weigh
+from backend.diagnose.cause import Cause
 from backend.diagnose.climb import ALPHA, NEAR, STRICT, SURE, WIDE, Climb, form
 from backend.diagnose.ends import one_motion
 from backend.diagnose.kept import Kept
@@ -26,7 +27,7 @@ from backend.diagnose.subject import SAME, Subject, prepare
 from backend.diagnose.unknown import unknown_evidence
 from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, place_evidence, shares
-from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Cause, Search
+from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Search
 from backend.fit.fit_study import default_step
 from backend.mechanism.apart import set_apart
 from backend.mechanism.gap_report import GapReport

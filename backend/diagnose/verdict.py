@@ -8,13 +8,13 @@ import numpy as np
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import Belief
+from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import Fitted
 from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, gap_unit
 from backend.diagnose.subject import Subject
 from backend.diagnose.where import MissingForce, joint_gaps, locations, marker_gaps
-from backend.diagnose.which import Cause
 from backend.diagnose.wrong_form import deviations, deviations_of_noise
 from backend.fit.guess import guesses
 from backend.mechanism.gap_report import (

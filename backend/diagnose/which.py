@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
+from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
 from backend.diagnose.fitted import Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.library import Candidate
@@ -21,7 +22,6 @@ from backend.diagnose.screen import EARLY, Screen, beyond, containing, screen, t
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
 from backend.diagnose.unseen import Left, Unseen, unseen
-from backend.mechanism.effect import kind_named
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
@@ -39,34 +39,6 @@ ALIASES = 12  # of them that are refitted
 EXCHANGED = 2  # members of a set, at once, for others that do the same
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
 Wider = Mapping[str, Sequence[Candidate]]
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A set of candidates fitted to the data, and its log evidence for noise alone."""
-
-    fitted: Fitted
-    log_z: float
-
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """Its members."""
-        return self.fitted.choice.candidates
-
-    @property
-    def log_odds(self) -> float:
-        """Of its members' kinds."""
-        return sum(c.log_odds for c in self.candidates)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Sorted names of its members."""
-        return tuple(sorted(c.name for c in self.candidates))
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Of all that is free, by name."""
-        return dict(zip((p.name for p in self.fitted.choice.parameters), self.fitted.values.tolist(), strict=True))
 
 
 @dataclass
@@ -150,7 +122,7 @@ class Search:
         made: list[Cause] = []
         for i, parent in enumerate(parents):
             about = self.screen(parent)
-            free = [c for c in self.subject.library.candidates if _new(c, parent) and not c.sought]
+            free = [c for c in self.subject.library.candidates if is_new(c, parent) and not c.sought]
             wider = containing(about, free)
             plain = [c for c in free if all(c not in forms for forms in wider.values())]
             fits: list[Fitted] = []
@@ -158,7 +130,7 @@ class Search:
             for candidate in dict.fromkeys([*self._promising(about, plain, refits), *there]):
                 self._join(parent, about.early or about, candidate, fits, rival)
             self._widen(parent, about.early or about, wider, fits, rival)
-            made += [self._keep(f) for f in self._stretch(fits) if _in_order(f)]
+            made += [self._keep(f) for f in self._stretch(fits) if in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
 
     def _promising(self, about: Screen, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
@@ -189,9 +161,9 @@ class Search:
         begin, values = self._beginning(parent.fitted, about, candidate, fits, simple)
         horizons = self._horizons(parent)
         horizons = horizons if about is self.screen(parent) else (EARLY * horizons[0], *horizons)
-        fitted = self._near(rival, choice, _from(begin, choice, values), horizons)
+        fitted = self._near(rival, choice, begun_from(begin, choice, values), horizons)
         if fitted is not None and not fitted.chi2 <= parent.fitted.chi2:  # it contains the parent, and went astray
-            fitted = fit(self.subject, choice, start=_from(parent.fitted, choice), fractions=horizons[-1:])
+            fitted = fit(self.subject, choice, start=begun_from(parent.fitted, choice), fractions=horizons[-1:])
         if fitted is not None and np.isfinite(fitted.chi2):  # lost from its start, a set explains nothing
             fits.append(fitted)
 
@@ -232,9 +204,9 @@ class Search:
         """The fit to begin from, and values for a candidate that joins it: where a simpler form ended, or the best of
         two that do the same as it (every hinge of a scissor rubs alike), or at the parent with a guess.
         """
-        if simple is not None and (values := _as(simple, about, candidate)):
+        if simple is not None and (values := as_last(simple, about, candidate)):
             return simple, values
-        alike = [(f, values) for f in fits if (values := _as(f, about, candidate))]
+        alike = [(f, values) for f in fits if (values := as_last(f, about, candidate))]
         if len(alike) > 1:  # the first may have ended in a place of its own
             return min(alike, key=lambda pair: pair[0].chi2)
         return parent, about.guess(candidate)
@@ -255,7 +227,7 @@ class Search:
     def without(self, cause: Cause, member: Candidate) -> Cause:
         """What remains of a cause, begun where the cause ended."""
         choice = self.subject.choose(*(c for c in cause.candidates if c is not member))
-        fitted = fit(self.subject, choice, start=_from(cause.fitted, choice), fractions=self._horizons(cause))
+        fitted = fit(self.subject, choice, start=begun_from(cause.fitted, choice), fractions=self._horizons(cause))
         return self._keep_likelier(fitted)
 
     def simpler(self, cause: Cause) -> list[Cause]:
@@ -266,12 +238,12 @@ class Search:
                 continue
             others = tuple(sorted(c.name for c in cause.candidates if c is not member))
             rest = self.tried.get(others) or self.without(cause, member)
-            about, free = self.screen(rest), [c for c in self.subject.library.candidates if _new(c, rest)]
+            about, free = self.screen(rest), [c for c in self.subject.library.candidates if is_new(c, rest)]
             wider = containing(about, free)
             for simple in (c for c in free if member in wider.get(c.name, ())):
                 fits: list[Fitted] = []
                 self._join(rest, about, simple, fits, None)
-                for fitted in filter(_in_order, fits):
+                for fitted in filter(in_order, fits):
                     self._keep(fitted)
                 names = tuple(sorted([*others, simple.name]))
                 made += [self.tried[names]] if names in self.tried else []
@@ -299,8 +271,8 @@ class Search:
         for _, choice, values in sorted(found, key=lambda f: -f[0])[:ALIASES]:
             if not self.cancelled():
                 self.tell(f"trying {choice.name} as well")
-                made.append(fit(self.subject, choice, start=_from(cause.fitted, choice, values)))
-        return [self._keep(f) for f in made if np.isfinite(f.chi2) and _in_order(f)]
+                made.append(fit(self.subject, choice, start=begun_from(cause.fitted, choice, values)))
+        return [self._keep(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
         """The same sets over longer records, as far as the best of them follows."""
@@ -322,11 +294,11 @@ class Search:
         made = []
         for candidate in self.subject.library.candidates:
             names = tuple(sorted([*parent.names, candidate.name]))
-            if candidate.sought and _new(candidate, parent) and names not in self.tried and not self.cancelled():
+            if candidate.sought and is_new(candidate, parent) and names not in self.tried and not self.cancelled():
                 self.tell(f"trying {' + '.join(names)}")
                 if values := tuned(self.screen(parent), candidate):
                     choice = self.subject.choose(*parent.candidates, candidate)
-                    x = _from(parent.fitted, choice, values)
+                    x = begun_from(parent.fitted, choice, values)
                     fitted = self._near(rival, choice, x, self._horizons(rival))
                     if fitted is not None and np.isfinite(fitted.chi2):
                         made.append(self._keep(fitted))
@@ -371,7 +343,7 @@ class Search:
             return cause
         self.tell(f"trying {' + '.join(cause.names)} with walls that give, give back and rub")
         first = [
-            fit(self.subject, choice, start=_from(cause.fitted, choice), fractions=GROWING[:1], max_iterations=4)
+            fit(self.subject, choice, start=begun_from(cause.fitted, choice), fractions=GROWING[:1], max_iterations=4)
             for choice in (self.subject.choose(*way) for way in ways)
         ]
         first = [f for f in first if np.isfinite(f.chi2)]
@@ -391,7 +363,7 @@ class Search:
         """
         choice = self.subject.choose(*members)
         self.tell(f"trying {choice.name} as well")
-        fitted = fit(self.subject, choice, start=_from(cause.fitted, choice, values))
+        fitted = fit(self.subject, choice, start=begun_from(cause.fitted, choice, values))
         if not np.isfinite(fitted.chi2):
             return None
         return self._keep_likelier(fitted)
@@ -460,42 +432,3 @@ class Search:
         cause = Cause(fitted, log_evidence(fitted))
         self.tried[cause.names] = cause
         return cause
-
-
-def _from(fitted: Fitted, choice: Choice, values: Mapping[str, float] | None = None) -> np.ndarray:
-    """Where a fit of another choice begins: at the values and starts of one that ended, and at these values."""
-    known = dict(zip((p.name for p in fitted.choice.parameters), fitted.values, strict=True)) | dict(values or {})
-    start = start_of(fitted.subject, choice, known)
-    start[len(choice.parameters) :] = fitted.x[fitted.count :]
-    return start
-
-
-def _as(fitted: Fitted, about: Screen, candidate: Candidate) -> dict[str, float] | None:
-    """Values by which a candidate does to first order what the last member of a fit did, of the same shape where both
-    have one; None where it cannot.
-    """
-    other, choice = fitted.choice.candidates[-1], fitted.choice
-    own = slice(choice.own - len(other.parameters), choice.own)
-    values = about.imitated(candidate, about.signature(other) @ (fitted.values - choice.start)[own])
-    if values is None:
-        return None
-    shapes = dict(zip((p.parameter for p in other.parameters), fitted.values[own], strict=True))
-    alike = zip(candidate.parameters, candidate.sizes, strict=True)
-    return values | {p.name: float(shapes[p.parameter]) for p, size in alike if not size and p.parameter in shapes}
-
-
-def _in_order(fitted: Fitted) -> bool:
-    """Whether numbers that must not be less than others are not: friction at rest and while sliding."""
-    values, at = fitted.values, 0
-    for c in fitted.choice.candidates:
-        own = dict(zip((p.parameter for p in c.parameters), values[at : at + len(c.parameters)], strict=True))
-        at += len(c.parameters)
-        for name, spec in kind_named(c.kind).parameters.items():
-            if spec.at_least in own and name in own and own[name] < own[spec.at_least]:
-                return False
-    return True
-
-
-def _new(candidate: Candidate, parent: Cause) -> bool:
-    """Not the same effect, nor one inside or around a shared one, of the parent's."""
-    return not any(c.overlaps(candidate) for c in parent.candidates)

@@ -153,10 +153,11 @@ def test_the_gap_shrinks_to_the_noise_where_nothing_was_fitted(rubbed):
 
 
 def test_a_member_that_stood_for_another_is_exchanged_for_it(drawing):
+    from backend.diagnose.cause import Cause
     from backend.diagnose.fitted import fit, log_evidence
     from backend.diagnose.library import SMOOTH, library
     from backend.diagnose.subject import prepare
-    from backend.diagnose.which import Cause, Search
+    from backend.diagnose.which import Search
 
     told = study(drawing, 5, lambda t, q, rate: rubbing(t, q, rate) - 4e-3 * rate, frames=84)
     search = Search(
@@ -174,10 +175,11 @@ def test_a_member_that_stood_for_another_is_exchanged_for_it(drawing):
 
 
 def test_a_pair_finds_one_that_does_the_same_with_no_member_of_its_own(drawing):
+    from backend.diagnose.cause import Cause
     from backend.diagnose.fitted import fit, log_evidence
     from backend.diagnose.library import SMOOTH, library
     from backend.diagnose.subject import prepare
-    from backend.diagnose.which import APART, Cause, Search
+    from backend.diagnose.which import APART, Search
 
     told = study(drawing, 5, lambda t, q, rate: -4e-3 * rate - 0.05 * np.sin(q))
     search = Search(

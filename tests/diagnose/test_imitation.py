@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from backend.diagnose.belief import IMITATED, weigh
+from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import Fitted
-from backend.diagnose.which import Cause
 
 ROWS = 300
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from backend.diagnose import overpromise as module
+from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import Fitted, log_evidence
 from backend.diagnose.overpromise import overpromise
-from backend.diagnose.which import Cause
 
 ROWS = 400
 T = np.linspace(0.0, 1.0, ROWS)

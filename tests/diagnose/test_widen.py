@@ -55,11 +55,11 @@ def test_a_simpler_form_is_tried_in_the_place_of_one_that_contains_it(monkeypatc
     search.subject = SimpleNamespace(library=SimpleNamespace(candidates=[simple, form("coulomb", "j2"), wider, other]))
     monkeypatch.setattr(search, "screen", lambda cause: cause)
     monkeypatch.setattr(search, "without", lambda cause, member: SimpleNamespace(names=()))
-    monkeypatch.setattr(which, "_new", lambda candidate, cause: candidate.name not in cause.names)
+    monkeypatch.setattr(which, "is_new", lambda candidate, cause: candidate.name not in cause.names)
     monkeypatch.setattr(
         which, "containing", lambda about, free: {simple.name: [wider], "coulomb:j2": [form("x", "j2")]}
     )
-    monkeypatch.setattr(which, "_in_order", lambda fitted: True)
+    monkeypatch.setattr(which, "in_order", lambda fitted: True)
     monkeypatch.setattr(search, "_keep", lambda fitted: search.tried.setdefault((simple.name, other.name), fitted))
     made = search.simpler(SimpleNamespace(candidates=(wider, other)))
     assert search.order == [simple.name]
