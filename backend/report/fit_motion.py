@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jaxtyping import Float, Int
 
-from backend.fit.prediction import begin, known_drives, with_values
+from backend.fit.prediction import HALVINGS, Addresses, Setting, begin, known_drives, strikes, with_values
 from backend.model.system import system
 from backend.report.evidence import Motion
 from backend.simulate.rollout import rollout
-from backend.simulate.run import as_run
+from backend.simulate.run import origins
+from backend.simulate.shelf import shelved
 
 if TYPE_CHECKING:
     from backend.fit.result import FitResult
@@ -36,17 +39,31 @@ def drawn_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motion
 
 def motion_under(run: Run, values: np.ndarray, own: np.ndarray, moving: Sequence[str]) -> Motion:
     """Poses of the named bodies in one experiment; values: at every free address; own: how it starts."""
-    setting = run.setting
     rates = own[run.mobility : run.unknowns] if run.moving else np.zeros(run.mobility)
-    model = with_values(setting.model, run.addresses, jnp.asarray(values))
-    plant = system(model)
-    start = begin(setting, model, plant, jnp.asarray(own[: run.mobility]), jnp.asarray(rates))
-    record = known_drives(setting, model, plant, run.step_s)
-    path = eqx.filter_jit(rollout)(plant, start, run.step_s, setting.steps, record)
-    played = as_run(run.experiment.id, model, plant, path, run.step_s)
-    kept = played.time_s <= run.duration_s
+    x = np.concatenate([values[: len(run.addresses)], own[: run.mobility], rates])
+    until = int(np.ceil(run.duration_s / run.step_s)) + 1
+    bare = replace(run.setting, since_release_s=jnp.zeros(0), column=jnp.zeros(0, int), turns=jnp.zeros(0))
+    seen = _played(bare, run.addresses, jnp.asarray(run.step_s), jnp.asarray(x), jnp.asarray(until))
+    time_s, origin, attitude, held_s = map(np.asarray, seen)
+    kept = time_s <= run.duration_s
+    slots = {body: i for i, body in enumerate(run.model.topology.body_ids) if body in moving}
     return Motion(
-        played.time_s[kept] + run.data.release_s + float(plant.held_s),
-        {body: played.position_m[body][kept] for body in moving},
-        {body: played.quaternion_wxyz[body][kept] for body in moving},
+        time_s[kept] + run.data.release_s + float(held_s),
+        {body: origin[kept, slots[body]] for body in moving},
+        {body: attitude[kept, slots[body]] for body in moving},
     )
+
+
+@shelved("addresses")
+def _played(
+    setting: Setting, addresses: Addresses, step_s: Float[Array, ""], x: Float[Array, " x"], until: Int[Array, ""]
+) -> tuple[Array, Array, Array, Array]:
+    """Time and pose of every body at the nodes up to `until`, and for how long the mechanism was held."""
+    model = with_values(setting.model, addresses, x[: len(addresses)])
+    plant = system(model)
+    coordinates, rates = jnp.split(x[len(addresses) :], [setting.mobility])
+    start = begin(setting, model, plant, coordinates, rates)
+    record = known_drives(setting, model, plant, step_s)
+    halvings = HALVINGS if strikes(plant) else 0
+    path = rollout(plant, start, step_s, setting.steps, record, halvings, jnp.clip(until, 1, setting.steps))
+    return path.time_s, origins(plant, path)[0], path.pose.quaternion, jnp.asarray(plant.held_s)

@@ -301,7 +301,7 @@ class _Seen(NamedTuple):
 @eqx.filter_jit
 def _seen(model: Model, plant: System, path: Trajectory) -> _Seen:
     return _Seen(
-        *_origins(plant, path),
+        *origins(plant, path),
         *reactions(plant, path),
         points.marker_paths(model, plant, path),
         invariants.kinetic_energy(plant, path),
@@ -328,7 +328,8 @@ def reactions(plant: System, path: Trajectory) -> tuple[Float[Array, "nodes join
     return jax.vmap(at)(path.pose, path.reaction)
 
 
-def _origins(plant: System, path: Trajectory) -> tuple[Array, Array]:
+def origins(plant: System, path: Trajectory) -> tuple[Array, Array]:
+    """(nodes, bodies, 3) in W: where each body's origin is [m], and its velocity [m/s]."""
     slots = plant.topology.slots
 
     def at(pose, velocity: Array) -> tuple[Array, Array]:
