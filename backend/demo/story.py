@@ -12,16 +12,13 @@ from typing import Protocol
 from backend.demo.reality import FRAMES_PER_S, HELD_S, LOAD_N, TRUTH, filmed, real_motion, with_load_and_pivots
 from backend.fit.fit_study import fit_study
 from backend.fit.result import FitResult
-from backend.mechanism.effect import Effect
-from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.read import read_mechanism, read_study, write_mechanism, write_study
 from backend.mechanism.study import ExperimentFile, Release, Study, StudyFile
 from backend.observe.measure import track_video
 from backend.observe.stills import stills
 from backend.report.demo_page import write_demo_page
-from backend.report.evidence import DemoEvidence, Motion, Overlay
-from backend.report.fit_summary import fit_evidence, seen_markers
-from backend.simulate.run import simulate
+from backend.report.evidence import DemoEvidence
+from backend.report.fit_summary import fit_evidence
 from cad_export import export_script
 
 FREE = tuple(TRUTH)
@@ -77,7 +74,6 @@ def run_demo(script: Path, out: Path, advance: Advance) -> tuple[Path, FitResult
     advance(0.9, "simulating the unseen load")
     with clock.timed("predicting"):
         evidence = fit_evidence(study, result, truth=TRUTH)
-        overlay = _unseen_overlay(study, result)
     page = write_demo_page(
         DemoEvidence(
             fit=evidence,
@@ -87,7 +83,6 @@ def run_demo(script: Path, out: Path, advance: Advance) -> tuple[Path, FitResult
             stills=stills(out / "swing.mp4", STILLS),
             prediction=tuple(c for c in evidence.channels if c.use == "held_out"),
             unseen=f"A line pulled the coupler down with {LOAD_N} N, which the fit never saw.",
-            prediction_overlay=overlay,
             steps=tuple(clock.steps),
             files=tuple(str(p.relative_to(out)) for p in _files(out)),
         ),
@@ -113,39 +108,6 @@ def _study(out: Path, mechanism: Path) -> Study:
     path = out / "study.json"
     write_study(StudyFile(mechanism=str(mechanism.relative_to(out)), experiments=experiments), path)
     return read_study(path)
-
-
-def _unseen_overlay(study: Study, result: FitResult) -> Overlay:
-    """The unseen load played back: fitted twin, drawing, and the dots that were seen."""
-    times, seen = seen_markers(study, "loaded")
-    fitted = tuple(
-        Effect(id=f"fitted_{i}", kind=p.kind, on=p.on, parameters={p.parameter: p.value})
-        for i, p in enumerate(result.report.parameters)
-    )
-    duration = float(times[-1]) - HELD_S
-    return Overlay(
-        "loaded",
-        after=_loaded_motion(study.mechanism, fitted, duration),
-        before=_loaded_motion(study.mechanism, (), duration),
-        seen_time_s=times,
-        seen_m=seen,
-    )
-
-
-def _loaded_motion(drawn: Mechanism, more: tuple[Effect, ...], duration_s: float) -> Motion:
-    pulled = tuple(
-        effect.model_copy(update={"parameters": {**effect.parameters, "force_n": LOAD_N}})
-        if effect.id == "load"
-        else effect
-        for effect in drawn.effects
-    )
-    run = simulate(drawn.model_copy(update={"effects": (*pulled, *more)}), duration_s)
-    moving = [body.id for body in drawn.bodies if not body.fixed]
-    return Motion(
-        run.time_s + HELD_S,
-        {body: run.position_m[body] for body in moving},
-        {body: run.quaternion_wxyz[body] for body in moving},
-    )
 
 
 def _reality() -> str:

@@ -183,6 +183,7 @@ def fit_study(
         elif left_open(uncertainty, solution.x, p):
             warnings += _what_would_tell(study, search, residuals, solution, uncertainty)
     pace.enter(OVERLAYS, "simulating every experiment before and after")
+    held_out = [seen_by(run, residuals.camera_numbers(solution.x)) for run in held_out]
     overlays = _overlays(residuals, held_out, solution)
     solution = replace(solution, message=solution.message + account(residuals.derivatives, solution.x.size))
     report = make_report(
@@ -196,7 +197,9 @@ def fit_study(
     if progress:
         progress(1.0, "done")
     values = {f.name: float(v) for f, v in zip(residuals.parameters, solution.x[:p], strict=True)}
-    return FitResult(report, tuple(overlays), values, residuals, solution, uncertainty, residuals.spread)
+    return FitResult(
+        report, tuple(overlays), values, residuals, solution, uncertainty, residuals.spread, tuple(held_out)
+    )
 
 
 def default_step(study: Study, model: Model) -> float:
@@ -253,7 +256,7 @@ def _what_would_tell(
 def _overlays(residuals: Residuals, held_out: Sequence[Run], solution: Solution) -> list[Overlay]:
     p, fitted = len(residuals.parameters), len(residuals.runs)
     drawn = np.array([f.start for f in residuals.parameters])
-    runs = [*residuals.runs, *(seen_by(run, residuals.camera_numbers(solution.x)) for run in held_out)]
+    runs = [*residuals.runs, *held_out]
 
     def both(i: int) -> list[Overlay]:
         run = runs[i]

@@ -45,7 +45,8 @@ class FitResult:
     """A finished fit. `report` is fit.json; the rest serves reports and diagnosis.
 
     values: fitted numbers by name, in the order of report.parameters. residuals and solution: the least-squares
-    problem and where it ended, with every unknown (starts included). spread: misfit in noise sigmas, rms.
+    problem and where it ended, with every unknown (starts included). spread: misfit in noise sigmas, rms. held_out:
+    the experiments that were not fitted, each seen through its camera as others of that camera have found it.
     """
 
     report: FitReport
@@ -55,6 +56,7 @@ class FitResult:
     solution: Solution
     uncertainty: Uncertainty
     spread: float
+    held_out: tuple[Run, ...] = ()
 
     def rms(self, use: str, unit: str, before: bool = False) -> float:
         """Root mean square error over all samples in motion of one use and unit; inf where a motion was lost."""

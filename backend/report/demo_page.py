@@ -44,7 +44,6 @@ def write_demo_page(evidence: DemoEvidence, path: str | Path) -> Path:
         fitted=[overlaid(channel) for channel in _telling([c for c in fit.channels if c.use == "fit"])],
         prediction=f"{evidence.unseen} The drawing misses it by {shown(before)} {unit} rms, the fitted twin by "
         f"{shown(after)} {unit}: {shown(before / after, 2)} times closer.",
-        prediction_overlay=evidence.prediction_overlay,
         predicted=[overlaid(channel) for channel in _telling(evidence.prediction)],
         steps=evidence.steps,
         files=evidence.files,

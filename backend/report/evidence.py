@@ -69,6 +69,7 @@ class Overlay:
     before: Motion | None = None
     seen_time_s: Float[np.ndarray, "n"] = field(default_factory=lambda: np.zeros(0))
     seen_m: Mapping[str, Float[np.ndarray, "n 3"]] = field(default_factory=dict)
+    held_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -159,6 +160,5 @@ class DemoEvidence:
     stills: tuple[tuple[float, bytes], ...]
     prediction: tuple[Channel, ...]
     unseen: str
-    prediction_overlay: Overlay | None = None
     steps: tuple[tuple[str, float], ...] = ()
     files: tuple[str, ...] = ()

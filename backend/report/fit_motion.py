@@ -19,22 +19,7 @@ from backend.simulate.run import origins
 from backend.simulate.shelf import shelved
 
 if TYPE_CHECKING:
-    from backend.fit.result import FitResult
     from backend.fit.run import Run
-
-
-def fitted_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motion:
-    """Poses of the moving bodies in the index-th fitted experiment, at the fitted values; time as in its data."""
-    run, residuals, x = result.residuals.runs[index], result.residuals, result.solution.x
-    values = run.every(x[: len(residuals.parameters)])
-    return motion_under(run, values, residuals.own(x, index), moving)
-
-
-def drawn_motion(result: FitResult, index: int, moving: Sequence[str]) -> Motion:
-    """The same with every value as it was drawn, from where the data say that it starts."""
-    run, residuals = result.residuals.runs[index], result.residuals
-    drawn = np.array([p.start for p in residuals.parameters])
-    return motion_under(run, run.every(drawn), run.settle(drawn), moving)
 
 
 def motion_under(run: Run, values: np.ndarray, own: np.ndarray, moving: Sequence[str]) -> Motion:

@@ -15,12 +15,14 @@ from backend.report.quantity import at_the_bench, measured, shown
 
 if TYPE_CHECKING:
     from backend.fit.result import FitResult
+    from backend.fit.run import Run
 
 MOST_OVERLAYS = 2
+MOST_HELD_OUT = 1
 
 
 def fit_evidence(study: Study, result: FitResult, truth: Mapping[str, float] | None = None) -> FitEvidence:
-    """A finished fit as its page wants it; the first fitted experiments can be played back."""
+    """A finished fit as its page wants it; the first experiments, fitted and held out, can be played back."""
     return FitEvidence(
         title=study.mechanism.name,
         mechanism=study.mechanism,
@@ -59,15 +61,22 @@ def channels(result: FitResult) -> tuple[Channel, ...]:
 
 
 def overlays(study: Study, result: FitResult) -> tuple[Overlay, ...]:
-    """Fitted motions of the first experiments, with the markers that were seen."""
-    from backend.report.fit_motion import drawn_motion, fitted_motion
+    """Motions of the first fitted experiments and of the first held-out one, with the markers that were seen."""
+    from backend.report.fit_motion import motion_under
 
-    made, moving = [], [body.id for body in study.mechanism.moving_bodies()]
-    for i, run in enumerate(result.residuals.runs[:MOST_OVERLAYS]):
-        seen_time, seen = seen_markers(study, run.experiment.id)
-        after, before = fitted_motion(result, i, moving), drawn_motion(result, i, moving)
-        made.append(Overlay(run.experiment.id, after, before, seen_time_s=seen_time, seen_m=seen))
-    return tuple(made)
+    moving = [body.id for body in study.mechanism.moving_bodies()]
+    residuals, x = result.residuals, result.solution.x
+    fitted, drawn = x[: len(residuals.parameters)], np.array([p.start for p in residuals.parameters])
+
+    def overlay(run: Run, own: np.ndarray) -> Overlay:
+        after = motion_under(run, run.every(fitted), own, moving)
+        before = motion_under(run, run.every(drawn), run.settle(drawn), moving)
+        times, seen = seen_markers(study, run.experiment.id)
+        held_out = run.experiment.use == "held_out"
+        return Overlay(run.experiment.id, after, before, seen_time_s=times, seen_m=seen, held_out=held_out)
+
+    made = [overlay(run, residuals.own(x, i)) for i, run in enumerate(residuals.runs[:MOST_OVERLAYS])]
+    return (*made, *(overlay(run, run.settle(fitted)) for run in result.held_out[:MOST_HELD_OUT]))
 
 
 def fit_text(report: FitReport) -> str:

@@ -138,6 +138,21 @@ def test_overlays_hold_measured_and_simulated_side_by_side(fitted, study):
     assert np.all(np.diff(overlay.time_s) > 0)
 
 
+def test_fitted_runs_and_a_held_out_one_are_played_back(fitted, study):
+    from backend.report.fit_summary import overlays
+
+    played = overlays(study, fitted[0])
+    assert [(o.experiment, o.held_out) for o in played] == [("rest", False), ("moving", False), ("unseen", True)]
+    after, before = (
+        -2.0 * np.arctan2(motion.quaternion_wxyz["bar"][:, 2], motion.quaternion_wxyz["bar"][:, 0])
+        for motion in (played[-1].after, played[-1].before)
+    )
+    time = played[-1].after.time_s
+    assert (time[0], round(time[-1], 1)) == (pytest.approx(0.1), 1.5)
+    truth = swing(time - time[0], -1.2)
+    assert np.abs(after - truth).max() < 5e-3 < 0.1 < np.abs(before - truth).max()
+
+
 def test_the_report_is_written_as_the_contract_says(fitted, tmp_path):
     from backend.mechanism.fit_report import FitReport
 
