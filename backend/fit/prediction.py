@@ -86,20 +86,14 @@ def predict(
 
     x: parameters, start coordinates, start rates. backwards: for derivatives backwards in time, where nothing strikes.
     """
-    m = setting.mobility
-    model = with_values(setting.model, addresses, x[: len(addresses)])
-    made = system(model)
-    coordinates, rates = x[len(addresses) : len(addresses) + m], x[len(addresses) + m :]
-    start = begin(setting, model, made, coordinates, rates)
-    record = known_drives(setting, model, made, step_s)
+    model, made, start, record = released(setting, addresses, step_s, x)
     marker, axis = _marker_of(model, setting.column)
     time = clock(model, setting.since_release_s, marker)
     moved = time - made.held_s
     slack = LATEST_ROW_S if model.of(AbstractShutter) else 0.0
     until = jnp.ceil((jnp.max(lax.stop_gradient(moved)) + slack) / step_s).astype(int) + 2
-    halvings = HALVINGS if strikes(made) else 0
     end = None if backwards else jnp.clip(until, 1, setting.steps)
-    motion = rollout(made, start, step_s, setting.steps, record, halvings, end)
+    motion = rollout(made, start, step_s, setting.steps, record, halvings(made), end)
     value, slope = columns(model, made, motion)
     seen = hermite(value + setting.turns, slope, step_s, moved, setting.column)
     if model.marker_ids and any(model.of(shape) for shape in SEEING):
@@ -117,6 +111,18 @@ def predict(
         seen = jnp.where(marker >= 0, picked, seen)
     after = jnp.clip(jnp.ceil(moved / step_s).astype(int), 0, setting.steps)
     return seen, motion.lost[after]
+
+
+def released(
+    setting: Setting, addresses: Addresses, step_s: float | Array, x: Float[Array, " x"]
+) -> tuple[Model, System, Start, Record | None]:
+    """What a rollout at x sets out with: model and system, where it starts, and what drives it."""
+    m = setting.mobility
+    model = with_values(setting.model, addresses, x[: len(addresses)])
+    made = system(model)
+    coordinates, rates = x[len(addresses) : len(addresses) + m], x[len(addresses) + m :]
+    start = begin(setting, model, made, coordinates, rates)
+    return model, made, start, known_drives(setting, model, made, step_s)
 
 
 def begin(setting: Setting, model: Model, made: System, coordinates: Array, rates: Array) -> Start:
@@ -140,6 +146,11 @@ def _marker_of(model: Model, column: Int[Array, " samples"]) -> tuple[Int[Array,
     at = column - joints
     is_marker = (at >= 0) & (at < points)
     return jnp.where(is_marker, at // 3, -1), jnp.where(is_marker, at % 3, 0)
+
+
+def halvings(made: System) -> int:
+    """How often a step of it may be cut in two."""
+    return HALVINGS if strikes(made) else 0
 
 
 def strikes(made: System) -> bool:

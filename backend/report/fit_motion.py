@@ -11,8 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from backend.fit.prediction import HALVINGS, Addresses, Setting, begin, known_drives, strikes, with_values
-from backend.model.system import system
+from backend.fit.prediction import Addresses, Setting, halvings, released
 from backend.report.evidence import Motion
 from backend.simulate.rollout import rollout
 from backend.simulate.run import origins
@@ -44,11 +43,6 @@ def _played(
     setting: Setting, addresses: Addresses, step_s: Float[Array, ""], x: Float[Array, " x"], until: Int[Array, ""]
 ) -> tuple[Array, Array, Array, Array]:
     """Time and pose of every body at the nodes up to `until`, and for how long the mechanism was held."""
-    model = with_values(setting.model, addresses, x[: len(addresses)])
-    plant = system(model)
-    coordinates, rates = jnp.split(x[len(addresses) :], [setting.mobility])
-    start = begin(setting, model, plant, coordinates, rates)
-    record = known_drives(setting, model, plant, step_s)
-    halvings = HALVINGS if strikes(plant) else 0
-    path = rollout(plant, start, step_s, setting.steps, record, halvings, jnp.clip(until, 1, setting.steps))
+    _, plant, start, record = released(setting, addresses, step_s, x)
+    path = rollout(plant, start, step_s, setting.steps, record, halvings(plant), jnp.clip(until, 1, setting.steps))
     return path.time_s, origins(plant, path)[0], path.pose.quaternion, jnp.asarray(plant.held_s)
