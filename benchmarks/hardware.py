@@ -178,7 +178,10 @@ def main() -> None:
     print(f"  from {length[0]:.0f} to {length[-1]:.0f} mm, where its nodes move at {1e3 * speed:.1f} mm/s", flush=True)
     begin = time.perf_counter()
     study = tracked(with_effects(document, 0.25 * PLAY_M, 0.0, 0.0), time_s, paths, seed=1)
-    result = fit_study(study, FREE, profiles=False, step_s=FIT_S)
+    result = fit_study(
+        study, FREE, profiles=False, step_s=FIT_S,
+        progress=lambda share, words: print(f"  {time.perf_counter() - begin:5.0f} s  {words}", flush=True),
+    )  # fmt: skip
     print(f"fitted in {time.perf_counter() - begin:.0f} s: {result.solution.message}")
     for found, truth in zip(result.report.parameters, (PLAY_M, DRAG, asked.bed), strict=True):
         off = f"truth {truth:.4g}  ({100 * (found.value / truth - 1):+.1f}%)"
