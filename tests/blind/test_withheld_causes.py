@@ -113,9 +113,26 @@ def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(sprung)
     witness = Witness(rig.linkage, starts, RECORD, NOISE)
     made = cause(rig, "viscous_friction", 0, 0.1, None)
     far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e5)
-    alike = {rival.on[0] for rival in far.alike if rival.kind == "viscous_friction"}
+    hinges = tuple(pin.id for pin in rig.linkage.pins if pin.id != "slot")
     # Feet turn half as fast, which a quarter of the friction makes up for; only the slot slides another way.
-    assert alike == {pin.id for pin in rig.linkage.pins} - {"slot"}
+    alike = {rival.on for rival in far.alike if rival.kind == "viscous_friction"}
+    assert alike == {(hinge,) for hinge in hinges} | {hinges}
+
+
+def test_a_rotor_in_a_scissor_is_all_of_its_links_heavier_to_turn(sprung):
+    rig, starts = sprung
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    made = cause(rig, "rotor_inertia", 0, 0.2, None)
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e5)
+    together = next(r for r in far.alike if r.kind == "inertia_error" and len(r.on) > 1)
+    assert together.on == tuple(link.id for link in rig.linkage.links)
+    assert together.places == ()  # which of them may lie anywhere says nothing of where
+
+
+def test_a_loose_pin_is_held_against_the_length_of_its_bar(swinging):
+    rig, _ = swinging
+    made = cause(rig, "clearance", 0, 0.001, None)
+    assert ("length_error", ("arm",)) in {(r.kind, r.on) for r in rivals_of(rig, [made])}
 
 
 def test_a_rough_spot_is_like_nothing_known(swinging):

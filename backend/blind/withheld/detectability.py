@@ -62,7 +62,6 @@ class Rival:
     """A known cause that might explain a record: its directions, each a set of changes; whether it has two signs."""
 
     kind: str
-    index: int
     on: tuple[str, ...]
     places: tuple[str, ...]
     directions: tuple[tuple[Change, ...], ...]
@@ -78,10 +77,12 @@ def whitened(clean: np.ndarray, noise: Noise) -> np.ndarray:
 
 
 def rivals_of(rig: Rig, truth: Sequence[Cause], left_out: Sequence[str] = ()) -> list[Rival]:
-    """Known causes that share the truth's kind or its place, and all that concern the whole."""
+    """Known causes that share the truth's kind or its place, act on the links of its joint or the joints of its link,
+    or concern the whole; those that may stand anywhere also at all such places at once.  All of them of no truth.
+    """
     linkage = rig.linkage
     kinds = {cause.kind for cause in truth}
-    near = {place for cause in truth for place in cause.places}
+    near = {place for cause in truth for place in _around(linkage, cause)}
     found = []
     for name, k in KINDS.items():
         if not k.known or name in WITHOUT_SLOPE or name in left_out:
@@ -90,7 +91,37 @@ def rivals_of(rig: Rig, truth: Sequence[Cause], left_out: Sequence[str] = ()) ->
             on, where = named(linkage, k.at, i)
             close = name in kinds or bool(near & set(where)) or name in EVERYWHERE
             if close or not truth or k.at in ("world", "camera", "spring"):
-                found.append(Rival(name, i, on, where, _directions(rig, name, i), k.signed))
+                found.append(Rival(name, on, where, _directions(rig, name, i), k.signed))
+        if name in EVERYWHERE and truth:
+            found += _together(rig, name)
+    return found
+
+
+def _around(linkage: Linkage, cause: Cause) -> set[str]:
+    """Its places; beside a joint the links that it joins, whose length a loose pin is; beside a link its joints."""
+    around = set(cause.places)
+    for j, pin in enumerate(linkage.pins):
+        (joint,) = named(linkage, "joint", j)[1]
+        links = {place for body in (pin.a, pin.b) if body for place in named(linkage, "link", body - 1)[1]}
+        if joint in cause.places:
+            around |= links
+        elif links & set(cause.places):
+            around.add(joint)
+    return around
+
+
+def _together(rig: Rig, name: str) -> list[Rival]:
+    """The kind alike at all its hinges, slides or links; it names no place, so that none is right for its sake."""
+    k, groups = KINDS[name], dict[bool, list[int]]()
+    for i in places(rig.linkage, k.at):
+        groups.setdefault(k.at == "joint" and not rig.turns(i), []).append(i)
+    found = []
+    for group in groups.values():
+        if len(group) > 1:
+            on = tuple(id for i in group for id in named(rig.linkage, k.at, i)[0])
+            ways = [_directions(rig, name, i) for i in group]
+            changes = tuple(change for (way,) in ways for change in way)
+            found.append(Rival(name, on, (), (changes,), k.signed))
     return found
 
 
