@@ -80,7 +80,7 @@ def score(answers, labels=LABELS):
 def test_an_oracle_scores_everything():
     found = score([oracle(truth) for truth in LABELS])
     assert found.pop("too small to see: none") is None
-    for name in ("false alarms", "outside: sure and wrong", "Brier", "no answer"):
+    for name in ("false alarms", "outside: sure and wrong", "Brier", "Brier, all true names", "no answer"):
         assert found.pop(name) == 0.0
     assert set(found.values()) == {1.0}
 
@@ -117,6 +117,12 @@ def test_a_sure_and_wrong_answer_costs_what_it_should():
     assert found["cause first"] == 0.5  # the data cannot tell drag from the first one's friction
     assert found["place first"] == 1.0  # the second one's cause, though another, lies on the same body
     assert found["Brier"] == pytest.approx((5 * 0.95**2 + 0.05**2) / 6)
+
+
+def test_belief_shared_among_true_names_counts_whole_where_all_of_them_do():
+    shared = score([gap("ambiguous", (0.5, DRAG), (0.5, FRICTION))], labels=LABELS[1:2])
+    assert shared["Brier"] == pytest.approx(0.25)
+    assert shared["Brier, all true names"] == 0.0
 
 
 def test_half_of_a_pair_is_no_wrong_but_not_both():

@@ -79,6 +79,8 @@ def scores(facts: Facts, alpha: float = ALPHA) -> dict[str, Score]:
         _share("pair: both", [f["both"] for f in pair], 0.70),
         _share("pair: one and no wrong", [f["part"] for f in pair], 0.90),
         _mean("Brier", [(f["top"] - f["top1"]) ** 2 for f in [*none, *clear]], 0.10),
+        # Where the truth bears several names that data cannot tell apart, a fair answer shares its belief among them.
+        _mean("Brier, all true names", [(f["right"] - 1.0) ** 2 for f in [*none, *clear]], 0.10),
         _coverage(clear),
         _median("held-out gap explained", [f["explained"] for f in single if f["explained"] is not None], 0.95),
         _share("faint: in the reported set", [f["reported"] for f in faint], 0.90),
