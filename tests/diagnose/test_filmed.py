@@ -81,6 +81,7 @@ def chance(told):
     return adequacy(search.baseline().fitted, search.latent, np.random.default_rng(0)).p
 
 
+@pytest.mark.nightly
 def test_an_error_that_the_calibration_allows_is_no_gap(drawing, camera):  # noqa: F811
     from backend.diagnose.run import diagnose_study
 

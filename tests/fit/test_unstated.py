@@ -70,6 +70,7 @@ def test_a_soft_wall_that_nobody_stated_misleads_the_noise_but_not_the_interval(
     assert play.value - play.ci95[0] < 6.0 * play.sd
 
 
+@pytest.mark.nightly
 def test_a_wall_that_is_freed_and_drawn_as_rigid_is_found_with_its_play():
     free = ["clearance:play.radial_m", "clearance:play.stiffness_n_per_m"]
     play, wall = fit_study(

@@ -52,7 +52,7 @@ class Slopes(NamedTuple):
     weights: np.ndarray
 
 
-@pytest.fixture(scope="module", params=LINKAGES)
+@pytest.fixture(scope="module", params=["fourbar", pytest.param("scissor", marks=pytest.mark.nightly)])
 def slopes(request):
     model = build(LINKAGES[request.param]())
     plant = eqx.filter_jit(system)(model)

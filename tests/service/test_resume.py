@@ -6,12 +6,16 @@ import os
 import signal
 from pathlib import Path
 
+import pytest
+
 from backend.mechanism.read import write_mechanism
 from backend.service.service import open_service
 from backend.service.settings import Settings
 from backend.service.things import CHECKPOINT, files_of
 from tests.jam.weak import DRIVE, DRY, RUN, weak_bar
 from tests.service.serving import pendulum, serving, settings_in, until
+
+pytestmark = pytest.mark.nightly
 
 
 def test_a_real_fit_whose_worker_is_killed_goes_on_where_it_was(tmp_path):
