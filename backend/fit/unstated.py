@@ -119,9 +119,7 @@ class Allowed:
         self.lost = [each for each, pair in columns.items() if pair is None]
         seen = {each: pair for each, pair in columns.items() if pair is not None}
         self.held = list(seen)
-        self.views = [
-            allowing(solution, np.stack(view, 1), self.sd, noise) for view in zip(*seen.values(), strict=True)
-        ]
+        self.views = [allowing(solution, looks, self.sd, noise) for looks in zip(*seen.values(), strict=True)]
 
     @property
     def ends(self) -> Float[np.ndarray, "p 2"]:
