@@ -13,7 +13,10 @@ from pathlib import Path
 # A step is hundreds of small loops; the older of XLA's two ways to compile one takes two thirds of the time, and the
 # loops are a tenth faster.
 PLAIN_LOOPS = "--xla_cpu_use_fusion_emitters=false"
-UNKNOWN = (0, 11)  # jaxlib from which on nobody tried the flag: XLA ends the process at one that it does not know
+# Sums and products of some hundred rows, as links that touch have, wait longer for a library's threads than they take.
+PLAIN_SUMS = "--xla_cpu_experimental_ynn_fusion_type="
+# jaxlib from which on each was tried, and from which on it was not: XLA ends a process at a flag that it does not know.
+TRIED = {PLAIN_LOOPS: ((0, 0), (0, 11)), PLAIN_SUMS: ((0, 10), (0, 11))}
 
 MAPS = Path("/proc/self/maps")
 MOST_MAPS = 20_000  # memory maps; Linux ends a process that asks for 65 530, and one study's programs take up to 20 000
@@ -23,10 +26,16 @@ def settle() -> None:
     """Float64, quick compiling and small decompositions on one thread: waiting for each other takes threads longer."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    flags = os.environ.get("XLA_FLAGS", "")
     with suppress(PackageNotFoundError, ValueError):
-        if tuple(int(part) for part in version("jaxlib").split(".")[:2]) < UNKNOWN and "fusion_emitters" not in flags:
-            os.environ["XLA_FLAGS"] = f"{flags} {PLAIN_LOOPS}".strip()
+        jaxlib = tuple(int(part) for part in version("jaxlib").split(".")[:2])
+        said = os.environ.get("XLA_FLAGS", "").split()
+        flags = [flag for flag, (first, beyond) in TRIED.items() if first <= jaxlib < beyond]
+        os.environ["XLA_FLAGS"] = " ".join([*said, *(flag for flag in flags if not _told(flag, said))])
+
+
+def _told(flag: str, said: list[str]) -> bool:
+    """Whether the user sets this flag, one way or another."""
+    return any(of.split("=")[0] == flag.split("=")[0] for of in said)
 
 
 def keep_programs() -> None:
