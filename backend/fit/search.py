@@ -107,13 +107,19 @@ class Search:
         if not astray(self.residuals, first, missed):
             return found
 
+        def words(fraction: float) -> str:
+            return f"following the first {100 * fraction:.0f}%"
+
         def tell(fraction: float) -> None:
-            self.pace.enter(ROUND * ON_THE_WAY * fraction, f"following the first {100 * fraction:.0f}%")
+            self.pace.enter(ROUND * ON_THE_WAY * fraction, words(fraction))
+
+        def over(fraction: float) -> LeastSquares:
+            return self.watched(self.residuals.alone(fraction), words(fraction), _half(found.x))
 
         self.pace.expect(ROUND * ON_THE_WAY * way_ahead(fraction))
 
         try:
-            way = retrace(self.residuals, lambda part: self.watched(self.residuals.alone(part)), first, tell)
+            way = retrace(self.residuals, over, first, tell)
         except Cancelled:
             self.residuals.spread = spread
             return broken_off(found)
@@ -183,8 +189,7 @@ class Search:
         """As `secant.smoothed`, from what the first part of the records leaves open, over which a motion has hardly
         forked; as it was where the fit is cancelled meanwhile.
         """
-        half = 3.0 * solution.x.size  # simulations: of the rounds that slopes usually take to settle
-        problem, at_first = self.watched(self.residuals.problem(), OVER_DISTANCE, half), None
+        problem, at_first = self.watched(self.residuals.problem(), OVER_DISTANCE, _half(solution.x)), None
         if self.parts and self.residuals.strikes:
             J = self.residuals.evaluate(solution.x, self.parts[0][0])[1]
             at_first = deviations(problem, solution.x, J) if np.all(np.isfinite(J)) else None
@@ -255,3 +260,8 @@ class Search:
 def broken_off(solution: Solution) -> Solution:
     """The same end, of a fit that was to go on from there."""
     return replace(solution, status="cancelled", message="Cancelled while slopes over a distance were taken.")
+
+
+def _half(x: np.ndarray) -> float:
+    """Simulations after which half of the rounds are done that slopes by differences usually take to settle."""
+    return 3.0 * x.size

@@ -108,9 +108,9 @@ class Forking:
         return 0.0
 
 
-def searched(residuals: Forking, cancelled: Any = None) -> Search:
+def searched(residuals: Forking, cancelled: Any = None, told: Any = lambda share, words: None) -> Search:
     made: Any = residuals
-    return Search(made, "lm", "linear", 40, Checkpoint(None, ""), Pace(lambda share, words: None, 1.0), cancelled)
+    return Search(made, "lm", "linear", 40, Checkpoint(None, ""), Pace(told, 1.0), cancelled)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -144,6 +144,13 @@ def test_following_again_can_be_cancelled_and_leaves_the_end_that_was_there():
     broken = search.retraced(led_astray)
     assert broken.status == "cancelled"
     np.testing.assert_array_equal(broken.x, led_astray.x)
+
+
+def test_every_simulation_on_the_way_is_told():
+    told: list[str] = []
+    search = searched(Forking(0), told=lambda share, words: told.append(words))
+    search.retraced(search.through(np.array([1.3]), (0.1,)))
+    assert len([words for words in told if words.startswith("following the first 100%")]) > 3
 
 
 def test_the_way_ahead_is_a_few_times_as_long_as_whole_records():
