@@ -129,6 +129,23 @@ def test_a_rotor_in_a_scissor_is_all_of_its_links_heavier_to_turn(sprung):
     assert together.places == ()  # which of them may lie anywhere says nothing of where
 
 
+def test_a_lighter_bar_beside_a_torque_is_another_bar_heavier_beside_a_larger_one(double):
+    rig, starts = double
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    lighter, torque = (
+        cause(rig, name, i, size, None) for name, i, size in (("mass_error", 0, -0.2), ("effort_offset", 1, 0.05))
+    )
+    rest = changed(as_drawn(rig.linkage), torque.changes)
+
+    def alike(others):
+        far = confusion(witness, lighter, rivals_of(rig, [lighter]), rest, 1e5, others)
+        return {rival.on for rival in far.alike if rival.kind == "mass_error"}
+
+    # Only ratios of masses and torque move it: the torque must be free to follow.
+    assert ("lower",) in alike([torque])
+    assert ("lower",) not in alike([])
+
+
 def test_a_loose_pin_is_held_against_the_length_of_its_bar(swinging):
     rig, _ = swinging
     made = cause(rig, "clearance", 0, 0.001, None)

@@ -248,7 +248,7 @@ def _beside(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.n
     truth, rivals = causes[k], rivals_of(rig, [causes[k]])
     if truth.kind in WITHOUT_SLOPE:
         return distance(witness, clean, rivals, (laws, record))
-    return confusion(witness, truth, rivals, laws, distance(witness, clean, [], (laws, record)).d2)
+    return confusion(witness, truth, rivals, laws, distance(witness, clean, [], (laws, record)).d2, rest)
 
 
 def _distance(witness: Witness, rig: Rig, causes: list[Cause], without: Sequence[str], clean: np.ndarray) -> Distance:

@@ -231,24 +231,28 @@ def distance(
     return Distance(d2, tuple(rivals), tuple(left))
 
 
-def confusion(witness: Witness, truth: Cause, rivals: Sequence[Rival], rest: Laws, d2: float) -> Distance:
+def confusion(
+    witness: Witness, truth: Cause, rivals: Sequence[Rival], rest: Laws, d2: float, others: Sequence[Cause] = ()
+) -> Distance:
     """What each rival leaves of a truth that has a slope and is d2 from nothing, beside the rest of what is amiss.
 
     d2 (1 - C²), C the cosine of the truth's own slope with the rival's after the start poses took their share, where
-    nothing is amiss yet and where the whole truth is: a rival must go the truth's way at both ends.
+    nothing is amiss yet and where the whole truth is: a rival must go the truth's way at both ends.  others: of the
+    rest, causes whose size nobody knows either; a rival may have them as much larger or smaller as suits it.
     """
-    own = [_times(change, TANGENT) if change.sized else change for change in truth.changes]
-    ways = [tuple(own), *(way for rival in rivals for way in rival.directions)]
+    beside = [_slight(other) for other in others if other.kind not in WITHOUT_SLOPE]
+    ways = [_slight(truth), *beside, *(way for rival in rivals for way in rival.directions)]
     left = np.zeros(len(rivals))
     for laws in (rest, changed(rest, truth.changes)):
         _, along_start, along = witness.slopes(laws, witness.starts, ways)
         slopes = projected(along, along_start)
-        slope, k = slopes[:, 0], 1
+        slope, k = slopes[:, 0], 1 + len(beside)
+        resized = slopes[:, 1:k]
         for i, rival in enumerate(rivals):
-            S = slopes[:, k : k + len(rival.directions)]
+            S = np.concatenate([slopes[:, k : k + len(rival.directions)], resized], 1)
             k += len(rival.directions)
             a, *_ = np.linalg.lstsq(S, slope, rcond=1e-12)
-            wrong_sign = not rival.signed and len(a) == 1 and a[0] < 0
+            wrong_sign = not rival.signed and len(rival.directions) == 1 and a[0] < 0
             share = 1.0 if wrong_sign else np.sum((slope - S @ a) ** 2) / max(slope @ slope, 1e-300)
             left[i] = max(left[i], d2 * share)
     return Distance(d2, tuple(rivals), tuple(map(float, left)))
@@ -276,6 +280,11 @@ def _fitted(witness: Witness, true: np.ndarray, rival: Rival, a: np.ndarray) -> 
         if not rival.signed and len(a) == 1 and a[0] < 0:
             return best
     return best
+
+
+def _slight(cause: Cause) -> tuple[Change, ...]:
+    """A little more of it."""
+    return tuple(_times(change, TANGENT) if change.sized else change for change in cause.changes)
 
 
 def _times(change: Change, share: float) -> Change:
