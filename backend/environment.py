@@ -26,16 +26,17 @@ def settle() -> None:
     """Float64, quick compiling and small decompositions on one thread: waiting for each other takes threads longer."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    said = os.environ.get("XLA_FLAGS", "").split()
+    told = {flag.split("=")[0] for flag in said}
+    os.environ["XLA_FLAGS"] = " ".join([*said, *(flag for flag in plain_flags() if flag.split("=")[0] not in told)])
+
+
+def plain_flags() -> list[str]:
+    """Those of XLA's flags above that the jaxlib at hand is known to take."""
     with suppress(PackageNotFoundError, ValueError):
         jaxlib = tuple(int(part) for part in version("jaxlib").split(".")[:2])
-        said = os.environ.get("XLA_FLAGS", "").split()
-        flags = [flag for flag, (first, beyond) in TRIED.items() if first <= jaxlib < beyond]
-        os.environ["XLA_FLAGS"] = " ".join([*said, *(flag for flag in flags if not _told(flag, said))])
-
-
-def _told(flag: str, said: list[str]) -> bool:
-    """Whether the user sets this flag, one way or another."""
-    return any(of.split("=")[0] == flag.split("=")[0] for of in said)
+        return [flag for flag, (first, beyond) in TRIED.items() if first <= jaxlib < beyond]
+    return []
 
 
 def keep_programs() -> None:

@@ -8,15 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from backend.environment import PLAIN_LOOPS, PLAIN_SUMS, many_programs
+from backend.environment import many_programs, plain_flags
 
 # Read when jax starts, so nothing is imported here: a test of the drawing stays free of jax.
 os.environ["JAX_ENABLE_X64"] = "1"
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 XLA_FLAGS = (
     "--xla_cpu_multi_thread_eigen=false",  # two workers share the cores; threads inside each would only fight
-    PLAIN_LOOPS,
-    PLAIN_SUMS,
+    *plain_flags(),
     "--xla_disable_hlo_passes=while-loop-invariant-code-motion,simplify-while-loops",
 )
 os.environ.setdefault("XLA_FLAGS", " ".join(XLA_FLAGS))
