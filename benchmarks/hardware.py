@@ -27,6 +27,7 @@ from scipy.interpolate import CubicSpline
 from backend.blind.exudyn_engine import simulate_exudyn
 from backend.blind.mujoco_engine import simulate_mujoco
 from backend.fit.fit_study import fit_study
+from backend.fit.result import FitResult
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.read import parse_mechanism
 from backend.mechanism.study import Experiment, Release, Study
@@ -145,16 +146,28 @@ def filmed(real: Mechanism, time_s: np.ndarray, engine: str = "MuJoCo", bed: flo
     return CubicSpline(motion.time_s, marker_paths(real, motion))(time_s)
 
 
-def compared(name: str, twin: Mechanism, time_s: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """The twin's nodes (T, markers, 2), their errors printed."""
-    at = at_samples(twin, simulate(twin, float(time_s[-1]) + FIT_S, FIT_S), time_s)
+def missed(name: str, at: np.ndarray, truth: np.ndarray) -> None:
+    """Print how far nodes (T, markers, 2) are off."""
     error = 1e3 * np.linalg.norm(at - truth[..., :2], axis=-1)
     print(
-        f"  {name:20}: mean node error {error.mean():.2f} mm, at the end {error[-1].mean():.2f} mm, "
+        f"  {name:21}: mean node error {error.mean():.2f} mm, at the end {error[-1].mean():.2f} mm, "
         f"largest {error.max():.2f} mm",
         flush=True,
     )
+
+
+def compared(name: str, twin: Mechanism, time_s: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """The nodes (T, markers, 2) of a twin that starts where it is drawn, their errors printed."""
+    at = at_samples(twin, simulate(twin, float(time_s[-1]) + FIT_S, FIT_S), time_s)
+    missed(name, at, truth)
     return at
+
+
+def as_fitted(result: FitResult, mechanism: Mechanism) -> np.ndarray:
+    """The nodes (T, markers, 2) of the fit's own motion, which starts where the filmed one was found to start."""
+    of = {overlay.at: overlay for overlay in result.overlays}
+    seen = [of[f"marker:{marker.id}"] for marker in mechanism.markers]
+    return np.stack([o.after[o.time_s >= o.release_s, :2] for o in seen], axis=1)
 
 
 def main() -> None:
@@ -194,6 +207,7 @@ def main() -> None:
         "as drawn": compared("as drawn", drawn, time_s, paths),
         "fitted": compared("fitted", with_effects(document, *found), time_s, paths),
     }
+    missed("fitted, its own start", as_fitted(result, real), paths)
     unseen = filmed(with_effects(weaker, PLAY_M, DRAG, asked.bed), time_s, asked.engine, asked.bed)
     print(f"springs of {WEAKER_N_PER_M:.0f} N/m, which the fit never saw:")
     compared("as drawn", with_effects(weaker, 0.0, 0.0, 0.0), time_s, unseen)
