@@ -25,9 +25,9 @@ class CameraTilt(AbstractView):
     )
     aim_right_m: Float[Array, ""] = parameter(
         "m", "where the line of sight meets the picture, right of the middle of what is drawn", by_name=True,
-        expected=0.5,
+        expected=0.5, tries=(0.0,),
     )  # fmt: skip
-    aim_down_m: Float[Array, ""] = parameter("m", "and below it", by_name=True, expected=0.5)
+    aim_down_m: Float[Array, ""] = parameter("m", "and below it", by_name=True, expected=0.5, tries=(0.0,))
 
     def view(self, sight, camera):
         """Turn in the camera's axes (right, down, along), then divide by the depth gained."""

@@ -18,9 +18,9 @@ class LensDistortion(AbstractView):
     k2: Float[Array, ""] = parameter("1/m^4", "and per its fourth power", expected=5e-4)
     aim_right_m: Float[Array, ""] = parameter(
         "m", "where the line of sight meets the picture, right of the middle of what is drawn", by_name=True,
-        expected=0.5,
+        expected=0.5, tries=(0.0,),
     )  # fmt: skip
-    aim_down_m: Float[Array, ""] = parameter("m", "and below it", by_name=True, expected=0.5)
+    aim_down_m: Float[Array, ""] = parameter("m", "and below it", by_name=True, expected=0.5, tries=(0.0,))
 
     def view(self, sight, camera):
         """Across the line of sight only."""

@@ -108,6 +108,15 @@ def test_a_number_that_moves_nothing_to_first_order_is_not_free_beside_one_that_
     assert any(c.kind == "clearance" for c in beside.values())
 
 
+@pytest.mark.parametrize("kind", ["camera_tilt", "lens_distortion"])
+def test_where_a_camera_aims_stays_free_although_it_moves_nothing_before_there_is_a_tilt(kind):
+    found = library(fourbar(), SMOOTH)
+    loudness = np.array([0.0 if "aim" in p.name else 1.0 for p in found.parameters])
+    of_it = {c.name: c for c in heard(found, loudness).candidates}[f"{kind}:camera"]
+    assert {"aim_right_m", "aim_down_m"} < {p.parameter for p in of_it.parameters}
+    assert of_it.prior_sd.min() > 0.0
+
+
 def test_where_nothing_moves_every_number_stays():
     found = library(fourbar(), SMOOTH)
     assert heard(found, np.zeros(len(found.parameters))) == found
