@@ -107,10 +107,10 @@ def tracked(mechanism: Mechanism, time_s: np.ndarray, paths: np.ndarray, seed: i
     return Study(mechanism, (run,))
 
 
-def at_samples(mechanism: Mechanism, motion: Run, time_s: np.ndarray) -> np.ndarray:
+def at_samples(mechanism: Mechanism, motion: Run, time_s: np.ndarray, step_s: float = FIT_S) -> np.ndarray:
     """(T, markers, 2) in W."""
     paths = marker_paths(mechanism, motion)[..., :2]
-    return CubicSpline(np.arange(len(paths)) * FIT_S, paths)(time_s)
+    return CubicSpline(np.arange(len(paths)) * step_s, paths)(time_s)
 
 
 def picture(time_s: np.ndarray, truth: np.ndarray, twins: dict[str, np.ndarray], path: Path) -> None:
@@ -119,7 +119,7 @@ def picture(time_s: np.ndarray, truth: np.ndarray, twins: dict[str, np.ndarray],
     shown, milliseconds = range(0, truth.shape[1], 9), 1e3 * time_s
     for i in shown:
         above.plot(milliseconds, 1e3 * truth[:, i, 0], "k.", ms=3, label="filmed" if i == 0 else None)
-    for (name, paths), colour in zip(twins.items(), ("tab:orange", "tab:blue"), strict=True):
+    for (name, paths), colour in zip(twins.items(), ("tab:orange", "tab:blue", "tab:green"), strict=True):
         for i in shown:
             above.plot(milliseconds, 1e3 * paths[:, i, 0], color=colour, lw=1, label=name if i == 0 else None)
         error = 1e3 * np.linalg.norm(paths - truth, axis=-1)
@@ -156,9 +156,9 @@ def missed(name: str, at: np.ndarray, truth: np.ndarray) -> None:
     )
 
 
-def compared(name: str, twin: Mechanism, time_s: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def compared(name: str, twin: Mechanism, time_s: np.ndarray, truth: np.ndarray, step_s: float = FIT_S) -> np.ndarray:
     """The nodes (T, markers, 2) of a twin that starts where it is drawn, their errors printed."""
-    at = at_samples(twin, simulate(twin, float(time_s[-1]) + FIT_S, FIT_S), time_s)
+    at = at_samples(twin, simulate(twin, float(time_s[-1]) + 2.0 * step_s, step_s), time_s, step_s)
     missed(name, at, truth)
     return at
 
@@ -206,8 +206,11 @@ def main() -> None:
     seen = {
         "as drawn": compared("as drawn", drawn, time_s, paths),
         "fitted": compared("fitted", with_effects(document, *found), time_s, paths),
+        "fitted, its own start": as_fitted(result, real),
     }
-    missed("fitted, its own start", as_fitted(result, real), paths)
+    missed("fitted, its own start", seen["fitted, its own start"], paths)
+    for step_s in (FIT_S, 0.25 * FIT_S):
+        compared(f"true, at {1e3 * step_s:.2f} ms", real, time_s, paths, step_s)
     unseen = filmed(with_effects(weaker, PLAY_M, DRAG, asked.bed), time_s, asked.engine, asked.bed)
     print(f"springs of {WEAKER_N_PER_M:.0f} N/m, which the fit never saw:")
     compared("as drawn", with_effects(weaker, 0.0, 0.0, 0.0), time_s, unseen)
