@@ -9,9 +9,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from backend.diagnose.adequacy import scaled
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import log_evidence
-from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
 from backend.diagnose.which import APART
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.fitted import Fitted, start_of
-from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
 from backend.diagnose.subject import Choice
 from backend.mechanism.effect import kind_named

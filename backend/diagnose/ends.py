@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
-from backend.diagnose.library import Candidate
 from backend.diagnose.switch import is_upper, passed
 from backend.diagnose.which import Search
 from backend.effects.catalogue import catalogue

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from backend.diagnose.belief import APART, Belief
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
-from backend.diagnose.library import Candidate
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Subject
 from backend.fit.remedy import pose_words

@@ -8,10 +8,10 @@ import numpy as np
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import log_prior
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import log_evidence
 from backend.diagnose.latent import evidence, log_mean
-from backend.diagnose.library import Candidate
 from backend.diagnose.screen import library_slopes
 from backend.diagnose.subject import SAME
 from backend.diagnose.unknown import without_causes

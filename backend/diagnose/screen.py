@@ -9,8 +9,8 @@ from itertools import combinations, pairwise, product
 import numpy as np
 from jaxtyping import Float
 
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.fitted import Fitted, Seer
-from backend.diagnose.library import Candidate
 from backend.diagnose.subject import ALIKE, SAME, Subject
 
 DRAWS = 2000

@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from backend.diagnose.calibration import Misplaced, cameras_of, with_cameras
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.kept import Kept
-from backend.diagnose.library import Candidate, Library
+from backend.diagnose.library import Library
 from backend.diagnose.noise import Noise, estimate
 from backend.diagnose.probe import Probe, with_drives
 from backend.fit.free import FreeParameter

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.fitted import Fitted, Seer, start_of
-from backend.diagnose.library import Candidate
 from backend.diagnose.subject import Subject
 from backend.effects.catalogue import catalogue
 from backend.effects.shapes import AbstractJointStop

@@ -8,9 +8,9 @@ import numpy as np
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import Belief
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import Fitted
-from backend.diagnose.library import Candidate
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, gap_unit
 from backend.diagnose.subject import Subject

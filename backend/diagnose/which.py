@@ -12,10 +12,10 @@ from itertools import combinations
 
 import numpy as np
 
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
 from backend.diagnose.fitted import Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
-from backend.diagnose.library import Candidate
 from backend.diagnose.noise_learnt import remember, set_aside
 from backend.diagnose.probe import Probe
 from backend.diagnose.screen import EARLY, Screen, beyond, containing, screen, tuned
