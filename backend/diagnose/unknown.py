@@ -122,21 +122,22 @@ def _path(fitted: Fitted, i: int) -> tuple[Float[np.ndarray, " times"], Float[np
 def _forms(
     times: Sequence[np.ndarray], q: Sequence[np.ndarray]
 ) -> list[tuple[bool, list[Float[np.ndarray, "times terms"]]]]:
-    """Terms of three kinds of law, in units of their own reach over the experiments: a few powers of position, speed
-    and acceleration; any smooth function of position; any of speed.
+    """Terms of four kinds of law, in units of their own reach over the experiments: a few powers of position, speed
+    and acceleration; any smooth function of position; any of speed; friction that is of another size at every place.
     """
     v = [np.gradient(x, t) for t, x in zip(times, q, strict=True)]
     a = [np.gradient(x, t) for t, x in zip(times, v, strict=True)]
     every = np.concatenate(q)
     middle = 0.5 * (float(every.max()) + float(every.min()))
     reach = [max(float(np.abs(np.concatenate(u) - m).max()), 1e-300) for u, m in ((q, middle), (v, 0.0), (a, 0.0))]
-    powers, place, speed = [], [], []
+    powers, place, speed, rough = [], [], [], []
     for x, y, z in zip(q, v, a, strict=True):
         x, y, z = (x - middle) / reach[0], y / reach[1], z / reach[2]
         powers.append(np.stack([x**0, x, x**2, x**3, y, y * np.abs(y), np.tanh(y / CREEP), x * y, z], 1))
         place.append(_hats(x))
         speed.append(np.concatenate([_hats(y), np.tanh(y / CREEP)[:, None]], 1))
-    return [(True, powers), (False, place), (False, speed)]
+        rough.append(_hats(x) * np.tanh(y / CREEP)[:, None])
+    return [(True, powers), (False, place), (False, speed), (False, rough)]
 
 
 def _hats(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n hats"]:

@@ -11,6 +11,7 @@ from backend.diagnose.belief import Belief
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import Fitted
+from backend.diagnose.inseparable import inseparable
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, gap_unit
 from backend.diagnose.subject import Subject
@@ -22,6 +23,7 @@ from backend.mechanism.gap_report import (
     CauseEffect,
     CauseSet,
     Detectable,
+    EffectNumber,
     GapReport,
     HeldOut,
     Location,
@@ -96,6 +98,10 @@ def make_report(
         p_value=p,
         shrink=Shrink(held_out=_held_out(shrunk), fit=fitted_gap, unit=unit),
         detectable=_detectable(subject, about, scale),
+        inseparable=[
+            [EffectNumber(kind=c.kind, on=tuple(c.on), parameter=p.parameter) for c, p in group]
+            for group in inseparable(about, scale)
+        ],
         next_experiment=following,
         warnings=list(warnings),
         tolerance_m=tolerance_m,

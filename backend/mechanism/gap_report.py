@@ -127,6 +127,14 @@ class Detectable(Part):
     unit: str
 
 
+class EffectNumber(Part):
+    """One number of an effect at one place."""
+
+    kind: Id
+    on: Places
+    parameter: str
+
+
 class NextExperiment(Part):
     """What to do next. expected_d2: how far apart the causes would then be, in squared standard deviations."""
 
@@ -148,6 +156,8 @@ class GapReport(Part):
     p_value: float
     shrink: Shrink
     detectable: list[Detectable]
+    inseparable: list[list[EffectNumber]] = Field(default_factory=list)
+    """Groups of effects of which these data would show the same motion, whichever of them were there."""
     next_experiment: NextExperiment | None = None
     warnings: list[str] = Field(default_factory=list)
     tolerance_m: float | None = None

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from backend.mechanism.gap_report import Amount, CauseEffect, CauseSet, Detectable, NextExperiment
+from backend.mechanism.gap_report import Amount, CauseEffect, CauseSet, Detectable, EffectNumber, NextExperiment
 from backend.report.evidence import Channel
 from backend.report.quantity import measured, prefixed, shown
 
@@ -53,6 +53,20 @@ def alike(cause: CauseSet) -> list[str]:
         together = f"all but {at[4:]}" if at.startswith("all-") else at
         places.setdefault(kind.replace("_", " "), []).append("all at once" if at == "all" else together)
     return [f"{kind} at {_either(ats)}" for kind, ats in places.items()]
+
+
+def one_motion(group: Sequence[EffectNumber]) -> str:
+    """What a group of inseparable effects is, kind by kind with its places."""
+    places: dict[str, list[str]] = {}
+    for e in group:
+        what = parameter_name(e.parameter)
+        name = f"{e.kind.replace('_', ' ')}{f' ({what})' if what else ''}"
+        places.setdefault(name, []).append(e.on if isinstance(e.on, str) else e.on[0])
+    told = []
+    for name, on in places.items():
+        more = f" and {len(on) - MOST_NAMED} more" if len(on) > MOST_NAMED else ""
+        told.append(f"{name} at {', '.join(on[:MOST_NAMED])}{more}")
+    return "; ".join(told)
 
 
 def _either(names: Sequence[str]) -> str:

@@ -126,6 +126,12 @@ def gap(report: Told, told: Told, drawn: Drawn | None, address: str) -> None:
                         tag("td", name, "name")
                         tag("td", on)
                         tag("td", least, "n")
+    if story.get("inseparable"):  # results of older versions have none
+        with tag("details"):
+            tag("summary", f"Groups of effects that these data cannot tell apart: {len(story['inseparable'])}")
+            with tag("ul"):
+                for line in story["inseparable"]:
+                    tag("li", line)
     if report["warnings"]:
         tag("h2", "What these data cannot say")
         notice(report["warnings"], "warn")
