@@ -152,6 +152,12 @@ def test_the_gap_shrinks_to_the_noise_where_nothing_was_fitted(rubbed):
     assert held.after_rms_m < 1.3 * held.noise_rms_m
 
 
+def test_a_late_release_and_a_clock_that_is_behind_are_said_to_be_one_motion(rubbed):
+    groups = [{(e.kind, e.on[0]) for e in group} for group in rubbed.inseparable]
+    assert any({("late_release", "world"), ("time_offset", "camera")} <= group for group in groups)
+    assert not any({("coulomb_friction", "j1"), ("viscous_friction", "j1")} <= group for group in groups)
+
+
 def test_a_member_that_stood_for_another_is_exchanged_for_it(drawing):
     from backend.diagnose.cause import Cause
     from backend.diagnose.fitted import fit, log_evidence
@@ -235,6 +241,18 @@ def test_a_wire_that_tightens_is_an_unknown_law_of_where_the_joint_is(drawing):
 
     told = study(drawing, 5, wire, angles=(0.9, -0.5, 1.4))
     found = diagnose_study(told, without=FEW | {"torsion_spring"}, step_s=COARSE_S).report
+    assert found.verdict == "unknown"
+    assert found.where.locations[0].at == "joint:j1"
+
+
+@pytest.mark.nightly
+def test_a_rough_spot_is_friction_of_an_unknown_law(drawing):
+    from backend.diagnose.run import diagnose_study
+
+    def rough(t, q, rate):
+        return -0.03 * np.exp(-0.5 * ((q - 0.3) / 0.1) ** 2) * np.tanh(rate / 0.02)
+
+    found = diagnose_study(study(drawing, 7, rough, frames=84), without=FEW, step_s=COARSE_S).report
     assert found.verdict == "unknown"
     assert found.where.locations[0].at == "joint:j1"
 
