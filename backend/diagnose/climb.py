@@ -16,7 +16,7 @@ from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, libra
 from backend.diagnose.shrink import gap_unit
 from backend.diagnose.softness import softness
 from backend.diagnose.subject import prepare
-from backend.diagnose.switch import passed
+from backend.diagnose.switch import let_go
 from backend.diagnose.where import place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, Search
 from backend.mechanism.study import Study, driven_effects
@@ -144,7 +144,7 @@ class Climb:
         if self._settled(best, last):
             return best, last
         asked = self._asked_of(best, last, refused, lost)
-        motion, alone = passed(self.baseline.fitted) if asked else {}, self._best_alone()
+        motion, alone = let_go(self.baseline.fitted) if asked else {}, self._best_alone()
         for family in asked:
             if self._cancelled():
                 break
@@ -179,7 +179,7 @@ class Climb:
         beside = self._best_alone()
         for cause in self.search.tuning(self.baseline, best):
             if self._likelier(cause, best):
-                best, last = self._judged(cause)
+                best, last = self._joined(*self._judged(cause), self.search)
         if beside is None or self._settled(best, last):
             return best, last
         for cause in self.search.tuning(beside, best):

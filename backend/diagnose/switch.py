@@ -77,8 +77,20 @@ def promising(
     return best
 
 
+def let_go(baseline: Fitted) -> dict[str, np.ndarray]:
+    """q of every joint (experiments, times) under the drawing, each experiment let go where its own static frames
+    stand: starts that were fitted to what a stop does to a motion may keep it from ever reaching that stop.
+    """
+    subject, choice = baseline.subject, baseline.choice
+    values = start_of(subject, choice)[: baseline.count]
+    return _by_joint(subject, [p.coordinates(values, p.start) for p in baseline.probes])
+
+
 def passed(fitted: Fitted) -> dict[str, np.ndarray]:
     """q of every joint (experiments, times) under a fitted model."""
-    found = [p.coordinates(fitted.values, fitted.own(i)) for i, p in enumerate(fitted.probes)]
-    ids = fitted.subject.model.topology.joint_ids
-    return {id: np.stack([q[:, ids.index(id)] for q in found]) for id in fitted.subject.joints}
+    return _by_joint(fitted.subject, [p.coordinates(fitted.values, fitted.own(i)) for i, p in enumerate(fitted.probes)])
+
+
+def _by_joint(subject: Subject, found: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    ids = subject.model.topology.joint_ids
+    return {id: np.stack([q[:, ids.index(id)] for q in found]) for id in subject.joints}
