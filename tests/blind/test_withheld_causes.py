@@ -196,6 +196,15 @@ def test_engines_draw_what_is_amiss_into_their_copy(swinging):
     assert np.abs(ours - theirs).max() < 1e-6
 
 
+@pytest.mark.parametrize(("apart_m", "shown"), [(1e-6, False), (1e-3, True)])
+def test_an_engine_whose_own_error_the_data_would_show_moves_no_study(swinging, monkeypatch, apart_m, shown):
+    rig, starts = swinging
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    drifts = record_of(rig, starts, None) + apart_m * np.sin(40.0 * RECORD.elapsed_s)[:, None]
+    monkeypatch.setattr(case, "reality", lambda *given: drifts)
+    assert case._betrays_itself("mujoco", witness) is shown
+
+
 def test_strata_come_in_their_shares():
     drawn = [case.stratum_of(4, i) for i in range(200)]
     shares = {name: drawn.count(name) / 200 for name in set(drawn)}

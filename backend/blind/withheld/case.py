@@ -100,10 +100,12 @@ def _attempt(
     if peers.knows(causes) and rng.random() < SHARE_OF_PEERS:
         # Exudyn takes 10 s for what MuJoCo does in one where there are many bodies.
         engine = str(rng.choice(peers.ENGINES)) if len(linkage.links) < 4 else peers.ENGINES[0]
+    witness = Witness(linkage, starts[:fit], record, noise)
+    if engine != "own" and _betrays_itself(engine, witness):
+        engine = "own"
     clean = reality(linkage, causes, _laws(linkage, causes), starts, record, engine)
     if not np.isfinite(clean).all() or np.abs(clean).max() > 10 * linkage.size:
         return None
-    witness = Witness(linkage, starts[:fit], record, noise)
     if stratum == "single" and causes[0].kind not in UNSCALED and rng.random() < SHARE_OF_FAINT:
         # Most sizes stand out plainly; some are brought to where a careful eye just sees them.
         d2 = distance(witness, clean[:fit], []).d2
@@ -121,6 +123,13 @@ def _attempt(
     label |= {"engine": engine, "family": linkage.family, "sigma_m": noise.sigma_m, "sigma_told": noise.told,
               "rho": noise.rho, "experiments": len(starts)}  # fmt: skip
     return Case(linkage, record, release_s, tables, noise, fit, label)
+
+
+def _betrays_itself(engine: str, witness: Witness) -> bool:
+    """Whether these data would show an engine's own error where nothing is amiss: a real gap, of no name."""
+    linkage, starts = witness.linkage, witness.starts
+    clean = reality(linkage, [], _laws(linkage, []), starts, witness.record, engine)
+    return not np.isfinite(clean).all() or distance(witness, clean, []).d2 >= ALIKE
 
 
 def _are_one(label: dict[str, Any]) -> bool:
