@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.diagnose.belief import IMITATED, weigh
+from backend.diagnose.belief import FAR, IMITATED, OUTSIZED, weigh
 from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import Fitted
 
 ROWS = 300
 
 
-def cause(*reach: str) -> Cause:
-    """A set of one effect for each place, which fits to the noise."""
+def cause(*reach: str, size: float = 0.0) -> Cause:
+    """A set of one effect for each place, which fits to the noise; size: of each, in its sds before any data."""
     members = tuple(
         SimpleNamespace(name=f"{i}:{place}", reach=frozenset({place}), parameters=[None], log_odds=0.0)
         for i, place in enumerate(reach)
@@ -29,7 +29,7 @@ def cause(*reach: str) -> Cause:
         np.random.default_rng(6).standard_normal((ROWS, len(members))),
     )
     subject: Any = SimpleNamespace()
-    x, rows = np.zeros(len(members)), (slice(0, ROWS),)
+    x, rows = np.full(len(members), size), (slice(0, ROWS),)
     made = Fitted(
         subject, choice, (), x, r, J, rows, np.ones(len(members)), np.zeros(len(members), bool), "converged", 1.0, 0.0
     )
@@ -58,3 +58,10 @@ def test_probabilities_stay_probabilities_where_something_unknown_is_all_but_cer
     belief = weigh(None, sets, 50, scale=1.0, unknown_log_z=likeliest + odds)
     assert 1.0 - belief.unknown - belief.none >= 0.0
     assert belief.unknown + belief.none + belief.probability.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("size", "own"), [(0.9 * FAR, 1.0), (-1.1 * FAR, 1.0 - OUTSIZED)])
+def test_a_size_that_is_hardly_to_be_believed_leaves_half_to_the_unknown(size, own):
+    belief = weigh(None, [cause("camera", size=size)], 50, scale=1.0)
+    assert belief.probability[0] == pytest.approx(own)
+    assert belief.unknown == pytest.approx(1.0 - own)
