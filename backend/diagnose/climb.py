@@ -25,6 +25,7 @@ ALPHA = 0.01
 DEEPEST = 4  # effects in one explanation
 SURE = 2  # effects at once that a diagnosis may be sure of; with more, almost anything can be imitated
 IN_THE_PICTURE = 0.99  # probability of camera and markers beyond which no effect that switches on is tried
+UNREAD = 25.0  # noise variances a sample: so much left is far from linear, and shifts follow it as well as forces
 BEYOND_DOUBT = 0.99
 LOUD = 0.25  # noise variances a sample: what must be left for a third effect to be sought
 BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
@@ -239,7 +240,7 @@ class Climb:
         if not refused and last.excess * best.fitted.r.size < WORTH_A_TRY:
             return []  # too little to bear another effect
         places = shares(place_evidence(best.fitted, self.search.latent, self.scale))
-        if _in_the_picture(places) < IN_THE_PICTURE:
+        if last.excess > UNREAD or _in_the_picture(places) < IN_THE_PICTURE:
             return every
         # What is left lies in the picture, not in the mechanism; but a mark drifts where its body's pin is loose.
         return [] if places.get("camera", 0.0) > 1.0 - IN_THE_PICTURE else [f for f in every if f in PLAYS]

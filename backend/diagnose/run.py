@@ -15,6 +15,7 @@ from backend.diagnose.belief import Belief, aliases, weigh
 from backend.diagnose.cause import Cause
 from backend.diagnose.climb import ALPHA, NEAR, STRICT, SURE, WIDE, Climb, form
 from backend.diagnose.ends import one_motion
+from backend.diagnose.fitted import Fitted, mean_square
 from backend.diagnose.kept import Kept
 from backend.diagnose.latent import Latent, forces, log_mean, responses
 from backend.diagnose.library import SMOOTH, heard, library
@@ -163,7 +164,7 @@ class _Inquiry:
         if shrunk is not None and shrunk.explained is not None:
             removed = shrunk.explained
         else:
-            removed = 1.0 - last.power / max(at_base.power, 1e-12)
+            removed = 1.0 - last.power / max(gap_power(baseline.fitted, best.fitted, at_base.power), 1e-12)
         complete = best.fitted.fraction == 1.0
         fits = fits and len(best.candidates) <= SURE and not climb.names_a_remainder(best)
         nearly = removed >= MOST_OF_IT and complete
@@ -280,3 +281,11 @@ class _Inquiry:
                 "apart by it. Add releases from other poses."
             )
         return said
+
+
+def gap_power(drawn: Fitted, best: Fitted, followed: float) -> float:
+    """What the drawing leaves of as much of the records as the best cause explains [noise variances a sample].
+
+    followed: what it leaves of the part that it follows, which is little where a blow comes after that.
+    """
+    return followed if drawn.fraction == best.fraction else mean_square(drawn, best.fraction) - 1.0

@@ -55,3 +55,12 @@ def test_an_end_of_travel_is_sought_where_the_drawing_goes_from_where_it_stood_s
     q = let_go(led_off)["j1"]
     assert q[:, 0] == pytest.approx(ANGLES[:2], abs=2e-3)
     assert q.min() < END
+
+
+def test_the_gap_is_that_of_the_whole_record_where_the_drawing_follows_a_part_of_it(found):
+    from backend.diagnose.run import gap_power
+
+    drawn, best = found.baseline.fitted, found.best.fitted
+    assert drawn.fraction < best.fraction == 1.0
+    assert gap_power(best, best, 0.1) == 0.1
+    assert gap_power(drawn, best, 0.1) > 1000.0  # noise variances a sample: the blow comes later
