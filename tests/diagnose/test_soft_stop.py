@@ -51,7 +51,8 @@ def test_an_end_of_travel_is_sought_where_the_drawing_goes_from_where_it_stood_s
 
     drawn = found.baseline.fitted
     led_off = replace(drawn, x=drawn.x + 0.5)  # starts, from where the frames stand, are all that is free
-    assert np.abs(passed(led_off)["j1"]).max() < 0.45
+    off = np.abs(passed(led_off)["j1"][:, 0] - ANGLES[:2])
+    assert off == pytest.approx(0.5, abs=0.05)
     q = let_go(led_off)["j1"]
     assert q[:, 0] == pytest.approx(ANGLES[:2], abs=2e-3)
     assert q.min() < END
