@@ -14,8 +14,6 @@ from backend.diagnose.screen import Screen
 from backend.diagnose.which import APART
 from backend.fit.free import FreeParameter
 
-VISIBLE = 4.0  # sd of noise: what a number moves, at the size that is expected of it, to be worth a word
-
 Number = tuple[Candidate, FreeParameter]
 
 
@@ -41,9 +39,9 @@ def inseparable(about: Screen, scale: float) -> list[list[Number]]:
 def _visible(about: Screen) -> tuple[list[Number], list[Float[np.ndarray, " n"]]]:
     numbers, responses = [], []
     for c in about.subject.library.candidates:
-        S = about.signature(c) * c.prior_sd
+        S, least = about.signature(c) * c.prior_sd, about.detectable(c)
         for k, p in enumerate(c.parameters):
-            if len(c.on) == 1 and c.sizes[k] and np.linalg.norm(S[:, k]) > VISIBLE:
+            if len(c.on) == 1 and c.sizes[k] and least[k] < c.prior_sd[k]:
                 numbers.append((c, p))
                 responses.append(S[:, k])
     return numbers, responses

@@ -37,8 +37,11 @@ def place_name(at: str) -> str:
 def effect_name(effect: CauseEffect | Detectable) -> str:
     """What acts, and where."""
     on = [effect.on] if isinstance(effect.on, str) else list(effect.on)
-    places = ", ".join(on[:MOST_NAMED]) + (f" and {len(on) - MOST_NAMED} more" if len(on) > MOST_NAMED else "")
-    return f"{effect.kind.replace('_', ' ')} at {places}"
+    return f"{effect.kind.replace('_', ' ')} at {_first(on)}"
+
+
+def _first(on: Sequence[str]) -> str:
+    return ", ".join(on[:MOST_NAMED]) + (f" and {len(on) - MOST_NAMED} more" if len(on) > MOST_NAMED else "")
 
 
 def cause_name(cause: CauseSet) -> str:
@@ -55,18 +58,14 @@ def alike(cause: CauseSet) -> list[str]:
     return [f"{kind} at {_either(ats)}" for kind, ats in places.items()]
 
 
-def one_motion(group: Sequence[EffectNumber]) -> str:
+def inseparable_name(group: Sequence[EffectNumber]) -> str:
     """What a group of inseparable effects is, kind by kind with its places."""
     places: dict[str, list[str]] = {}
     for e in group:
         what = parameter_name(e.parameter)
         name = f"{e.kind.replace('_', ' ')}{f' ({what})' if what else ''}"
         places.setdefault(name, []).append(e.on if isinstance(e.on, str) else e.on[0])
-    told = []
-    for name, on in places.items():
-        more = f" and {len(on) - MOST_NAMED} more" if len(on) > MOST_NAMED else ""
-        told.append(f"{name} at {', '.join(on[:MOST_NAMED])}{more}")
-    return "; ".join(told)
+    return "; ".join(f"{name} at {_first(on)}" for name, on in places.items())
 
 
 def _either(names: Sequence[str]) -> str:

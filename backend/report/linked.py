@@ -10,7 +10,7 @@ import numpy as np
 from backend.mechanism.jam_report import JamReport
 from backend.report import fit_page, gap_page, jam_page, simulation_page
 from backend.report.evidence import Channel, FitEvidence, GapEvidence, JamEvidence, Overlay, SimulationEvidence
-from backend.report.gap_words import MEANING, least, next_sentence, one_motion, parameter_name, place_name
+from backend.report.gap_words import MEANING, inseparable_name, least, next_sentence, parameter_name, place_name
 from backend.report.pictures import Linked, Pictures
 
 MOST_CHARTS = 6  # of one experiment
@@ -105,7 +105,7 @@ def _gap_story(evidence: GapEvidence) -> dict[str, Any]:
              d.on if isinstance(d.on, str) else ", ".join(d.on), least(d)]
             for d in report.detectable
         ],
-        "inseparable": [one_motion(group) for group in report.inseparable],
+        "inseparable": [inseparable_name(group) for group in report.inseparable],
     }  # fmt: skip
 
 
