@@ -64,6 +64,26 @@ def as_last(fitted: Fitted, about: Screen, candidate: Candidate) -> dict[str, fl
     return values | {p.name: float(shapes[p.parameter]) for p, size in alike if not size and p.parameter in shapes}
 
 
+def moved(fitted: Fitted, about: Screen, member: Candidate, other: Candidate) -> dict[str, float] | None:
+    """Values of another candidate of a member's kind, of its shape and so large that they do to first order most of
+    what the member does; None where it can do none of it.
+    """
+    choice = fitted.choice
+    own = [i for i, p in enumerate(choice.parameters) if p in member.parameters]
+    values = dict(zip((p.parameter for p in member.parameters), fitted.values[own], strict=True))
+    if {p.parameter for p in other.parameters} != values.keys():
+        return None
+    off = np.where(member.sizes, (fitted.values - choice.start)[own], 0.0)
+    done, like = about.signature(member) @ off, about.signature(other) @ off
+    ratio = float(done @ like) / max(float(like @ like), 1e-300)
+    if not ratio > 0.0:
+        return None
+    sized = zip(other.parameters, other.sizes, strict=True)
+    return {
+        p.name: float(np.clip(values[p.parameter] * (ratio if size else 1.0), p.lower, p.upper)) for p, size in sized
+    }
+
+
 def in_order(fitted: Fitted) -> bool:
     """Whether numbers that must not be less than others are not: friction at rest and while sliding."""
     values, at = fitted.values, 0

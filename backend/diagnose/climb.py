@@ -28,6 +28,7 @@ IN_THE_PICTURE = 0.99  # probability of camera and markers beyond which no effec
 UNREAD = 25.0  # noise variances a sample: so much left is far from linear, and shifts follow it as well as forces
 BEYOND_DOUBT = 0.99
 LOUD = 0.25  # noise variances a sample: what must be left for a third effect to be sought
+FAINT = 200.0  # sum of squares, in noise variances, that a cause takes off: so little is soon imitated
 BARE = 50.0  # sum of squares, in noise variances, that a form a little wrong leaves behind
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 STRICT = 1e-3  # p of what is left on held-out experiments, below which it is no chance
@@ -97,6 +98,8 @@ class Climb:
             best, found = self._thinned(best, found)
         if not self._cancelled():
             best, found = self._narrowed(best, found)
+        if len(best.candidates) <= SURE and best.fitted.fraction == 1.0 and self.search.elsewhere(best):
+            best, found = self._likelier_than(best, found)
         return best, found
 
     def _place(self, top: Cause) -> str | None:
@@ -138,7 +141,7 @@ class Climb:
         """
         refused, lost = self.refused(best), best.fitted.fraction < 1.0
         if not (refused or lost) and (self.enough(last) or self._little(best, last, 1)):
-            return best, last
+            return self._or_play(best, last)
         if refused:
             self._tell(f"held-out experiments refuse {' + '.join(best.names)}")
         best, last = self._tuned(best, last)
@@ -163,14 +166,30 @@ class Climb:
                 best, last = self._closer(*self._joined(best, last, search), search)
             elif self._settled(best, last):
                 break
-            elif alone is not None and len(best.candidates) <= SURE:
-                for cause in search.switching(self.baseline, family, motion, best, alone)[:1]:
-                    self.search.tried[cause.names] = cause
-                    cause, judged = self._judged(cause, search)
-                    if self._accepted(cause, best, judged, last):
-                        best, last = self._closer(cause, judged, search)
+            elif len(best.candidates) <= SURE:
+                for beside in self._besides(best, alone):
+                    for cause in search.switching(self.baseline, family, motion, best, beside)[:1]:
+                        self.search.tried[cause.names] = cause
+                        cause, judged = self._judged(cause, search)
+                        if self._accepted(cause, best, judged, last):
+                            best, last = self._closer(cause, judged, search)
             if self._settled(best, last):
                 break
+        return best, last
+
+    def _or_play(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """What is enough, or play: of a faint gap, play is what a clock or a length may imitate to within the noise."""
+        if not 0.0 < self.baseline.fitted.chi2 - best.fitted.chi2 < FAINT * self.scale**2:
+            return best, last
+        for family in sorted(PLAYS & set(families(self.without))):
+            search = None if self._cancelled() else self._search_of(family)
+            if search is None:
+                continue
+            self.searches[id(search.subject)] = search
+            for cause in search.switching(self.baseline, family, {}, best):
+                self.search.tried[cause.names] = cause
+                if self._likelier(cause, best):
+                    best, last = self._judged(cause, search)
         return best, last
 
     def _tuned(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
@@ -249,6 +268,14 @@ class Climb:
         """The likeliest single cause that follows whole records."""
         singles = [c for c in self.search.tried.values() if len(c.candidates) == 1 and c.fitted.fraction == 1.0]
         return max(singles, key=self._by_fit, default=None)
+
+    def _besides(self, best: Cause, alone: Cause | None) -> list[Cause]:
+        """Single causes beside which one that switches on is tried: the likeliest, and each member of the best pair, of
+        which the other may only imitate what switches on.
+        """
+        members = (self.search.tried.get((c.name,)) for c in best.candidates)
+        found = {c.names: c for c in (alone, *members) if c is not None and c.fitted.fraction == 1.0}
+        return list(found.values())
 
     def _search_of(self, family: str) -> Search | None:
         """The same experiments under another family's model; None where the mechanism has no place for it."""

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from backend.diagnose.candidate import Candidate
-from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
+from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new, moved
 from backend.diagnose.fitted import Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.noise_learnt import remember, set_aside
@@ -248,6 +248,26 @@ class Search:
                 names = tuple(sorted([*others, simple.name]))
                 made += [self.tried[names]] if names in self.tried else []
         return made
+
+    def elsewhere(self, cause: Cause) -> list[Cause]:
+        """A cause with a member that contains a simpler form at every other place where its kind may act, begun with
+        its shape: slopes of what is absent know none, so that it may stand where the simpler form came out best.
+        """
+        made = []
+        for member in cause.candidates:
+            if not any(member.tries) or member.sought or member.sizes.sum() < 2:
+                continue
+            rest = [c for c in cause.candidates if c is not member]
+            about = beyond(cause.fitted, (member,))
+            for other in self.subject.library.candidates:
+                names = tuple(sorted(c.name for c in (*rest, other)))
+                if other.kind != member.kind or names in self.tried or any(other.overlaps(c) for c in rest):
+                    continue
+                if (values := moved(cause.fitted, about, member, other)) and not self.cancelled():
+                    self.tell(f"trying {' + '.join(names)} as well")
+                    choice = self.subject.choose(*rest, other)
+                    made.append(fit(self.subject, choice, start=begun_from(cause.fitted, choice, values)))
+        return [self._keep(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
 
     def complete(self, cause: Cause, scale: float) -> list[Cause]:
         """Sets not tried so far that leave to first order no more than a cause does, up to two members exchanged at

@@ -7,10 +7,11 @@ from backend.blind.withheld import case, library, outside
 from backend.blind.withheld.case import reality
 from backend.blind.withheld.causes import KINDS, Rig, cause, places
 from backend.blind.withheld.detectability import Record, Witness, confusion, distance, rivals_of
-from backend.blind.withheld.laws import as_drawn, changed
+from backend.blind.withheld.laws import Change, as_drawn, changed
 from backend.blind.withheld.measurement import Noise, noisy, seen
 from backend.blind.withheld.mechanisms import double_pendulum, pendulum, scissor
 from backend.blind.withheld.motion import move
+from backend.blind.withheld.turning import ratios, with_other_hinges
 
 RECORD = Record(np.arange(60) / 60 - 0.2, np.arange(60) / 60)
 NOISE = Noise(5e-4, 0.3, 0.0, 0.0, True)
@@ -117,6 +118,43 @@ def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(sprung)
     # Feet turn half as fast, which a quarter of the friction makes up for; only the slot slides another way.
     alike = {rival.on for rival in far.alike if rival.kind == "viscous_friction"}
     assert alike == {(hinge,) for hinge in hinges} | {hinges}
+
+
+def test_friction_that_falls_with_speed_may_be_at_every_hinge_of_a_scissor(sprung):
+    rig, starts = sprung
+    truth = cause(rig, "stribeck_friction", 8, 0.01, np.random.default_rng(0))
+    assert truth is not None
+    drawn, witness = as_drawn(rig.linkage), Witness(rig.linkage, starts, RECORD, NOISE)
+
+    def record_of(laws):
+        motion = move(rig.linkage, laws.repeated(1), starts, RECORD.duration_s)
+        return seen(motion, laws, rig.linkage.size, *RECORD.rows(1))
+
+    clean = record_of(changed(drawn, truth.changes))
+    nothing = distance(witness, clean, [])
+    found = with_other_hinges(nothing, witness, rig, truth, drawn, clean, record_of)
+    hinges = {(rig.linkage.pins[i].id,) for i in places(rig.linkage, "hinge")} - {truth.on}
+    assert hinges < {rival.on for rival in found.alike}
+    assert found.rivals[-1].places == ()  # all at once names none
+    assert found.remainders[-1] < 0.1 * found.d2
+    other = next(rival for rival in found.alike if rival.on != truth.on and len(rival.on) == 1)
+    turns = ratios(witness, rig, changed(drawn, truth.changes), 8)
+    i = next(i for i in turns if rig.linkage.pins[i].id == other.on[0])
+    torque, excess, rate = (change.value for change in truth.changes)
+    moved = [
+        Change("coulomb", i, torque / turns[i]),
+        Change("stribeck_excess", i, excess, sized=False),
+        Change("stribeck_rate", i, rate * turns[i], sized=False),
+    ]
+    assert distance(witness, record_of(changed(drawn, moved)), [], (drawn, clean)).d2 < 1e-3 * found.d2
+
+
+def test_friction_that_falls_with_speed_is_its_own_where_hinges_turn_apart(double):
+    rig, starts = double
+    truth = cause(rig, "stribeck_friction", 1, 0.01, np.random.default_rng(0))
+    assert truth is not None
+    drawn, witness = as_drawn(rig.linkage), Witness(rig.linkage, starts, RECORD, NOISE)
+    assert list(ratios(witness, rig, changed(drawn, truth.changes), 1)) == [1]
 
 
 def test_a_rotor_in_a_scissor_is_all_of_its_links_heavier_to_turn(sprung):

@@ -105,3 +105,14 @@ def test_all_pins_that_came_near_are_fitted_with_blows_as_they_come(monkeypatch)
     best, judged = climb._closer(drawn[0], "before", search)
     assert (best.names, best.log_z, judged) == (("joint_stop:j2",), 30.0, "judged")
     assert set(climb.search.tried) == {("joint_stop:j1",), ("joint_stop:j2",)}  # the third was too far behind
+
+
+def test_what_switches_on_is_tried_beside_the_likeliest_and_beside_each_member_of_the_best_pair():
+    climb: Any = object.__new__(Climb)
+    singles = {name: SimpleNamespace(names=(name,), fitted=SimpleNamespace(fraction=1.0)) for name in "abc"}
+    singles["c"].fitted.fraction = 0.5
+    climb.search = SimpleNamespace(tried={made.names: made for made in singles.values()})
+    pair: Any = SimpleNamespace(candidates=tuple(SimpleNamespace(name=name) for name in "bc"))
+    assert climb._besides(pair, singles["a"]) == [singles["a"], singles["b"]]
+    assert climb._besides(pair, singles["b"]) == [singles["b"]]
+    assert climb._besides(SimpleNamespace(candidates=()), None) == []

@@ -3,9 +3,11 @@
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from backend.diagnose import which
+from backend.diagnose.cause import moved
 from backend.diagnose.which import Search
 
 
@@ -64,3 +66,49 @@ def test_a_simpler_form_is_tried_in_the_place_of_one_that_contains_it(monkeypatc
     made = search.simpler(SimpleNamespace(candidates=(wider, other)))
     assert search.order == [simple.name]
     assert [m.choice.candidates for m in made] == [(simple,)]
+
+
+def test_a_form_that_contains_a_simpler_one_is_tried_wherever_it_may_act(monkeypatch):
+    library = [shaped("stribeck", joint) for joint in ("j1", "j2", "j3", "j4")]
+    other = form("spring", "j4")
+    search: Any = Looking({})
+    search.tried = {("spring:j4", "stribeck:j1"): None, ("spring:j4", "stribeck:j2"): None}
+    search.cancelled, search.tell = lambda: False, lambda words: None
+    search.subject = SimpleNamespace(
+        library=SimpleNamespace(candidates=[*library, other]), choose=lambda *members: members
+    )
+    other.tries, other.overlaps = (), lambda c: False
+    monkeypatch.setattr(which, "beyond", lambda fitted, given: given)
+    monkeypatch.setattr(which, "moved", lambda fitted, about, member, c: None if c.name == "stribeck:j3" else {"x": 1})
+    monkeypatch.setattr(which, "begun_from", lambda fitted, choice, values: values)
+    monkeypatch.setattr(which, "fit", lambda subject, choice, start: SimpleNamespace(chi2=1.0, choice=choice))
+    monkeypatch.setattr(which, "in_order", lambda fitted: True)
+    monkeypatch.setattr(search, "_keep", lambda fitted: [c.name for c in fitted.choice])
+    made = search.elsewhere(SimpleNamespace(candidates=(library[0], other), fitted=None))
+    assert made == [["spring:j4", "stribeck:j4"]]
+
+
+def shaped(kind: str, joint: str) -> Any:
+    return SimpleNamespace(
+        **vars(form(kind, joint)), tries=((), (), (0.1,)), sizes=np.array([True, True, False]), sought=False,
+        overlaps=lambda c: False,
+    )  # fmt: skip
+
+
+def test_a_form_moved_to_another_pin_keeps_its_shape_and_does_as_much_there():
+    first, second = (of(joint) for joint in ("j1", "j2"))
+    fitted: Any = SimpleNamespace(
+        choice=SimpleNamespace(parameters=first.parameters, start=np.array([0.0, 0.0, 0.1])),
+        values=np.array([0.4, 0.2, 3.0]),
+    )
+    slopes = {"j1": np.diag([1.0, 1.0, 0.0]), "j2": np.diag([2.0, 2.0, 0.0])}  # the second turns twice as far
+    about: Any = SimpleNamespace(signature=lambda candidate: slopes[candidate.on[0]])
+    assert moved(fitted, about, first, second) == {"j2.static": 0.2, "j2.sliding": 0.1, "j2.speed": 3.0}
+    slopes["j2"] = -slopes["j2"]  # friction does not drive
+    assert moved(fitted, about, first, second) is None
+
+
+def of(joint: str) -> Any:
+    names = ("static", "sliding", "speed")
+    numbers = [SimpleNamespace(name=f"{joint}.{n}", parameter=n, lower=0.0, upper=10.0) for n in names]
+    return SimpleNamespace(on=(joint,), parameters=tuple(numbers), sizes=np.array([True, True, False]))

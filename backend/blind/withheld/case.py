@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from backend.blind.withheld.linkage import Linkage
 from backend.blind.withheld.measurement import Noise, noisy, seen
 from backend.blind.withheld.mechanisms import DEVELOPED, UNSEEN
 from backend.blind.withheld.motion import Motion, Stuck, move
+from backend.blind.withheld.turning import with_other_hinges
 
 STRATA = ("none",) * 4 + ("single",) * 7 + ("pair",) * 3 + ("left_out",) * 3 + ("never",) * 3
 OUTSIDE = outside.__name__  # both catalogues enter their kinds when they are read
@@ -256,7 +258,8 @@ def _beside(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.n
     record = reality(rig.linkage, rest, laws, witness.starts, witness.record)
     truth, rivals = causes[k], rivals_of(rig, [causes[k]])
     if truth.kind in WITHOUT_SLOPE:
-        return distance(witness, clean, rivals, (laws, record))
+        far = distance(witness, clean, rivals, (laws, record))
+        return with_other_hinges(far, witness, rig, truth, laws, clean, partial(_crisp, witness, rest))
     return confusion(witness, truth, rivals, laws, distance(witness, clean, [], (laws, record)).d2, rest)
 
 
@@ -264,8 +267,16 @@ def _distance(witness: Witness, rig: Rig, causes: list[Cause], without: Sequence
     """How visible a single cause is, and how near its rivals come."""
     rivals = rivals_of(rig, causes, without) if causes else []
     if not causes or causes[0].kind in (*WITHOUT_SLOPE, *UNKNOWN):
-        return distance(witness, clean, rivals)
+        far, drawn = distance(witness, clean, rivals), as_drawn(rig.linkage)
+        if not causes or without:
+            return far
+        return with_other_hinges(far, witness, rig, causes[0], drawn, clean, partial(_crisp, witness, []))
     return confusion(witness, causes[0], rivals, as_drawn(rig.linkage), distance(witness, clean, []).d2)
+
+
+def _crisp(witness: Witness, causes: Sequence[Cause], laws: Laws) -> np.ndarray:
+    """Clean records of a row of laws, moved by our own engine."""
+    return reality(witness.linkage, causes, laws, witness.starts, witness.record)
 
 
 def _effect(cause: Cause) -> dict[str, Any]:
