@@ -40,6 +40,7 @@ WORTH = 5.0  # log evidence that another effect must bring at least; more where 
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
+UNSEEN_SETS = 8  # of each size, the likeliest, that held-out experiments are asked about
 RIVALS = 3  # of a set, whose walls are taken as they come where its own are
 NOTHING = 1e-12  # power, in noise variances a sample
 MOST = 0.5  # and this share where the law of blows would excuse what was left
@@ -352,6 +353,30 @@ class Climb:
             return best, last
         self._tell(f"held-out experiments prefer {' + '.join(top.names)}")
         return self._judged(top, self.searches[id(top.fitted.subject)])
+
+    def plain(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """Of sets so large that they imitate almost anything, and fit no better for it, the smallest that leaves as
+        little on experiments that were not fitted: a member that takes nothing off those is not named. Larger ones are
+        withdrawn.
+        """
+        least = self._left_unseen(best)
+        if len(best.candidates) <= SURE or best.fitted.fraction < 1.0 or least is None or self._cancelled():
+            return best, last
+        for size in range(1, len(best.candidates)):
+            sets = [c for c in self.search.tried.values() if len(c.candidates) == size and c.fitted.fraction == 1.0]
+            near = sorted(sets, key=lambda c: -self._by_fit(c))[:UNSEEN_SETS]
+            plain = [c for c in near if (self._left_unseen(c) or 0.0) * SAME_POWER <= least]
+            if plain:
+                self._tell(f"{' + '.join(plain[0].names)} leaves as little on held-out experiments")
+                kept = {names: c for names, c in self.search.tried.items() if len(c.candidates) <= size}
+                self.search.tried = kept
+                return self._judged(plain[0], self.searches[id(plain[0].fitted.subject)])
+        return best, last
+
+    def _left_unseen(self, cause: Cause) -> float | None:
+        """Power that a cause leaves on held-out experiments [noise variances a sample]; None where there are none."""
+        left = self.search.left(cause, self.scale)
+        return None if left is None else max(left.excess, 0.0)
 
     def _likelier(self, cause: Cause, best: Cause) -> bool:
         """Whether a cause follows more of the records than the best one, or as much and all of them better."""

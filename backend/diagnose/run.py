@@ -127,7 +127,7 @@ class _Inquiry:
         if p > CLEAR and baseline.fitted.fraction == 1.0 and self.doubtful(baseline, singles):
             return self.report("none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first)
         climb = Climb(self.study, self.search, baseline, at_base, self.rng, self.scale, self.tolerance_m, self.without)
-        best, last = climb.confirmed(*climb.switching(*climb.smooth(singles)))
+        best, last = climb.plain(*climb.confirmed(*climb.switching(*climb.smooth(singles))))
         self.scale = climb.scale
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb)
 

@@ -21,6 +21,7 @@ def climbing(monkeypatch, *, enough: bool, refused: bool) -> Any:
     monkeypatch.setattr(climb, "_little", lambda cause, judged, depth: False)
     monkeypatch.setattr(climb, "_tell", lambda text: None)
     monkeypatch.setattr(climb, "_tuned", lambda best, last: (best, last))
+    monkeypatch.setattr(climb, "_or_play", lambda best, last: (best, last))
     monkeypatch.setattr(module, "families", lambda without: {module.SMOOTH, module.LOAD, "joint_stop", "clearance"})
 
     def stop(cause, last, refused, lost):
@@ -116,3 +117,46 @@ def test_what_switches_on_is_tried_beside_the_likeliest_and_beside_each_member_o
     assert climb._besides(pair, singles["a"]) == [singles["a"], singles["b"]]
     assert climb._besides(pair, singles["b"]) == [singles["b"]]
     assert climb._besides(SimpleNamespace(candidates=()), None) == []
+
+
+def test_a_member_that_takes_nothing_off_held_out_experiments_is_not_named(monkeypatch):
+    climb: Any = object.__new__(Climb)
+    left = {"abcd": 1.0, "abc": 1.05, "ab": 1.09, "ac": 1.3, "a": 1.6}
+    made = {names: set_of(names) for names in left}
+    climb.search = SimpleNamespace(tried={c.names: c for c in made.values()})
+    climb.searches = {id(made["ab"].fitted.subject): climb.search}
+    monkeypatch.setattr(climb, "_left_unseen", lambda cause: left["".join(cause.names)])
+    monkeypatch.setattr(climb, "_by_fit", lambda cause: float(len(cause.names)))
+    monkeypatch.setattr(climb, "_cancelled", lambda: False)
+    monkeypatch.setattr(climb, "_tell", lambda words: None)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    assert climb.plain(made["ab"], "as it was") == (made["ab"], "as it was")  # of two a diagnosis may be sure
+    assert climb.plain(made["abcd"], "as it was") == (made["ab"], "judged")
+    assert max(len(names) for names in climb.search.tried) == 2  # larger ones are withdrawn
+    left["ab"] = left["abc"] = 1.2
+    climb.search.tried = {c.names: c for c in made.values()}
+    assert climb.plain(made["abcd"], "as it was") == (made["abcd"], "as it was")
+
+
+def set_of(names: str) -> Any:
+    return SimpleNamespace(names=tuple(names), candidates=tuple(names), fitted=SimpleNamespace(fraction=1.0, subject=1))
+
+
+@pytest.mark.parametrize(("gain", "asked"), [(150.0, ["clearance"]), (250.0, []), (0.0, [])])
+def test_play_is_asked_of_a_faint_gap_that_something_smooth_explains(monkeypatch, gain, asked):
+    climb: Any = object.__new__(Climb)
+    climb.without, climb.scale, climb.searches = frozenset(), 1.0, {}
+    climb.baseline = SimpleNamespace(fitted=SimpleNamespace(chi2=1000.0))
+    found: list[str] = []
+    play = SimpleNamespace(names=("clearance:j1",))
+    search = SimpleNamespace(subject=None, switching=lambda baseline, family, motion, best: [play], tried={})
+    climb.search = search
+    monkeypatch.setattr(climb, "_cancelled", lambda: False)
+    monkeypatch.setattr(climb, "_search_of", lambda family: found.append(family) or search)
+    monkeypatch.setattr(climb, "_likelier", lambda cause, best: True)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    monkeypatch.setattr(module, "families", lambda without: {module.SMOOTH, "clearance", "joint_stop"})
+    best: Any = SimpleNamespace(fitted=SimpleNamespace(chi2=1000.0 - gain))
+    assert climb._or_play(best, "enough") == ((play, "judged") if asked else (best, "enough"))
+    assert found == asked
+    assert list(search.tried) == [play.names] * len(asked)
