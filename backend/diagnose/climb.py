@@ -40,7 +40,8 @@ WORTH = 5.0  # log evidence that another effect must bring at least; more where 
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
-UNSEEN_SETS = 8  # of each size, the likeliest, that held-out experiments are asked about
+PLAIN = 8  # sets of a size, the likeliest, that may do for a larger one
+TELLING = 0.7  # of the power that is left: a set that leaves no less than this of another's tells little more
 RIVALS = 3  # of a set, whose walls are taken as they come where its own are
 NOTHING = 1e-12  # power, in noise variances a sample
 MOST = 0.5  # and this share where the law of blows would excuse what was left
@@ -355,28 +356,31 @@ class Climb:
         return self._judged(top, self.searches[id(top.fitted.subject)])
 
     def plain(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """Of sets so large that they imitate almost anything, and fit no better for it, the smallest that leaves as
-        little on experiments that were not fitted: a member that takes nothing off those is not named. Larger ones are
+        """Of sets so large that they imitate almost anything, the smallest that leaves not much more, of what was
+        fitted and of held-out experiments: a member that takes little off either is not named. Larger ones are
         withdrawn.
         """
-        least = self._left_unseen(best)
-        if len(best.candidates) <= SURE or best.fitted.fraction < 1.0 or least is None or self._cancelled():
+        size = len(best.candidates)
+        if size <= SURE or best.fitted.fraction < 1.0 or self._cancelled():
             return best, last
-        for size in range(1, len(best.candidates)):
-            sets = [c for c in self.search.tried.values() if len(c.candidates) == size and c.fitted.fraction == 1.0]
-            near = sorted(sets, key=lambda c: -self._by_fit(c))[:UNSEEN_SETS]
-            plain = [c for c in near if (self._left_unseen(c) or 0.0) * SAME_POWER <= least]
-            if plain:
-                self._tell(f"{' + '.join(plain[0].names)} leaves as little on held-out experiments")
-                kept = {names: c for names, c in self.search.tried.items() if len(c.candidates) <= size}
-                self.search.tried = kept
-                return self._judged(plain[0], self.searches[id(plain[0].fitted.subject)])
-        return best, last
+        found, least = best, self._leaves(best)
+        for few in range(1, size):
+            sets = [c for c in self.search.tried.values() if len(c.candidates) == few and c.fitted.fraction == 1.0]
+            near = sorted(sets, key=lambda c: -self._by_fit(c))[:PLAIN]
+            if plain := [c for c in near if all(TELLING * a <= b for a, b in zip(self._leaves(c), least, strict=True))]:
+                found, size = plain[0], few
+                break
+        self.search.tried = {k: c for k, c in self.search.tried.items() if len(c.candidates) <= size}
+        if found is best:
+            return best, last
+        self._tell(f"{' + '.join(found.names)} leaves little more")
+        return self._judged(found, self.searches[id(found.fitted.subject)])
 
-    def _left_unseen(self, cause: Cause) -> float | None:
-        """Power that a cause leaves on held-out experiments [noise variances a sample]; None where there are none."""
+    def _leaves(self, cause: Cause) -> tuple[float, float]:
+        """Power that a cause leaves of fitted and of held-out experiments [noise variances a sample]; 0 of none."""
         left = self.search.left(cause, self.scale)
-        return None if left is None else max(left.excess, 0.0)
+        fitted = cause.fitted.chi2 / (cause.fitted.r.size * self.scale**2) - 1.0
+        return max(fitted, 0.0), 0.0 if left is None else max(left.excess, 0.0)
 
     def _likelier(self, cause: Cause, best: Cause) -> bool:
         """Whether a cause follows more of the records than the best one, or as much and all of them better."""

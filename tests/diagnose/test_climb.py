@@ -119,23 +119,24 @@ def test_what_switches_on_is_tried_beside_the_likeliest_and_beside_each_member_o
     assert climb._besides(SimpleNamespace(candidates=()), None) == []
 
 
-def test_a_member_that_takes_nothing_off_held_out_experiments_is_not_named(monkeypatch):
+def test_a_member_that_takes_little_off_fitted_and_held_out_experiments_is_not_named(monkeypatch):
     climb: Any = object.__new__(Climb)
-    left = {"abcd": 1.0, "abc": 1.05, "ab": 1.09, "ac": 1.3, "a": 1.6}
+    left = {"abcd": (1.0, 0.8), "abc": (1.1, 1.0), "ab": (1.3, 1.1), "ac": (1.3, 1.2), "a": (3.0, 1.1)}
     made = {names: set_of(names) for names in left}
     climb.search = SimpleNamespace(tried={c.names: c for c in made.values()})
     climb.searches = {id(made["ab"].fitted.subject): climb.search}
-    monkeypatch.setattr(climb, "_left_unseen", lambda cause: left["".join(cause.names)])
-    monkeypatch.setattr(climb, "_by_fit", lambda cause: float(len(cause.names)))
+    monkeypatch.setattr(climb, "_leaves", lambda cause: left["".join(cause.names)])
+    monkeypatch.setattr(climb, "_by_fit", lambda cause: -left["".join(cause.names)][0])
     monkeypatch.setattr(climb, "_cancelled", lambda: False)
     monkeypatch.setattr(climb, "_tell", lambda words: None)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
     assert climb.plain(made["ab"], "as it was") == (made["ab"], "as it was")  # of two a diagnosis may be sure
-    assert climb.plain(made["abcd"], "as it was") == (made["ab"], "judged")
+    assert climb.plain(made["abc"], "as it was") == (made["ab"], "judged")
     assert max(len(names) for names in climb.search.tried) == 2  # larger ones are withdrawn
-    left["ab"] = left["abc"] = 1.2
+    left |= {"ab": (1.3, 1.5), "ac": (1.6, 1.2)}
     climb.search.tried = {c.names: c for c in made.values()}
-    assert climb.plain(made["abcd"], "as it was") == (made["abcd"], "as it was")
+    assert climb.plain(made["abc"], "as it was") == (made["abc"], "as it was")
+    assert max(len(names) for names in climb.search.tried) == 3
 
 
 def set_of(names: str) -> Any:
