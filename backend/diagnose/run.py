@@ -13,7 +13,7 @@ import numpy as np
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, weigh
 from backend.diagnose.cause import Cause
-from backend.diagnose.climb import ALPHA, NEAR, STRICT, SURE, WIDE, Climb, form
+from backend.diagnose.climb import NEAR, Climb
 from backend.diagnose.ends import one_motion
 from backend.diagnose.fitted import Fitted, mean_square
 from backend.diagnose.kept import Kept
@@ -24,6 +24,7 @@ from backend.diagnose.overpromise import overpromise
 from backend.diagnose.screen import Screen, library_slopes
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
 from backend.diagnose.softness import softness
+from backend.diagnose.standards import ALPHA, STRICT, SURE, WIDE, form
 from backend.diagnose.subject import SAME, Subject, prepare
 from backend.diagnose.unknown import unknown_evidence
 from backend.diagnose.verdict import make_report
@@ -126,7 +127,7 @@ class _Inquiry:
         singles = self.search.level([baseline], REFITS)
         if p > CLEAR and baseline.fitted.fraction == 1.0 and self.doubtful(baseline, singles):
             return self.report("none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first)
-        climb = Climb(self.study, self.search, baseline, at_base, self.rng, self.scale, self.tolerance_m, self.without)
+        climb = Climb(self.search, baseline, at_base, self.scale, self.tolerance_m, self.study, self.rng, self.without)
         best, last = climb.plain(*climb.confirmed(*climb.switching(*climb.smooth(singles))))
         self.scale = climb.scale
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb)
