@@ -30,7 +30,7 @@ NOTHING = 1e-12  # power, in noise variances a sample
 
 @dataclass
 class Standards:
-    """What a cause is held against: the drawing as it is (`baseline`, judged by `at_base`), noise, held-out experiments.
+    """What a cause is held against: the drawing as it is (`baseline`, judged by `at_base`) and held-out experiments.
 
     scale: of all sigmas, learnt on the way. tolerance_m: what may remain [m, or rad where only encoders measured].
     """
