@@ -65,23 +65,25 @@ def as_last(fitted: Fitted, about: Screen, candidate: Candidate) -> dict[str, fl
 
 
 def moved(fitted: Fitted, about: Screen, member: Candidate, other: Candidate) -> dict[str, float] | None:
-    """Values of another candidate of a member's kind, of its shape and so large that they do to first order most of
-    what the member does; None where it can do none of it.
+    """Where a fit with another candidate of a member's kind begins: with the member's shape, and so large that with the
+    shape it begins a search with it would do to first order most of what the member does. None where it can do none.
     """
     choice = fitted.choice
     own = [i for i, p in enumerate(choice.parameters) if p in member.parameters]
-    values = dict(zip((p.parameter for p in member.parameters), fitted.values[own], strict=True))
-    if {p.parameter for p in other.parameters} != values.keys():
+    names = [p.parameter for p in member.parameters]
+    if {p.parameter for p in other.parameters} != set(names):
         return None
     off = np.where(member.sizes, (fitted.values - choice.start)[own], 0.0)
-    done, like = about.signature(member) @ off, about.signature(other) @ off
+    order = [names.index(p.parameter) for p in other.parameters]
+    done, like = about.signature(member) @ off, about.signature(other) @ off[order]
     ratio = float(done @ like) / max(float(like @ like), 1e-300)
     if not ratio > 0.0:
         return None
-    sized = zip(other.parameters, other.sizes, strict=True)
-    return {
-        p.name: float(np.clip(values[p.parameter] * (ratio if size else 1.0), p.lower, p.upper)) for p, size in sized
-    }
+    found = {}
+    for p, i in zip(other.parameters, order, strict=True):
+        value = p.start + ratio * off[i] if member.sizes[i] else fitted.values[own[i]]
+        found[p.name] = float(np.clip(value, p.lower, p.upper))
+    return found
 
 
 def in_order(fitted: Fitted) -> bool:

@@ -9,11 +9,12 @@ import numpy as np
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
+from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
 from backend.diagnose.ends import stopping_alike
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library
 from backend.diagnose.softness import softness
-from backend.diagnose.standards import NOTHING, SURE, WORTH, Standards
+from backend.diagnose.standards import NOTHING, SURE, WORTH, AbstractStandards
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import let_go
 from backend.diagnose.where import place_evidence, shares
@@ -28,15 +29,18 @@ FAINT = 200.0  # sum of squares, in noise variances, that a cause takes off: so 
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
+MOST_GONE = 0.1  # of the gap's power: of a cause that leaves no more, others that do the same are sought too
 PLAIN = 8  # sets of a size, the likeliest, that may do for a larger one
 TELLING = 0.7  # of the power that is left: a set that leaves no less than this of another's tells little more
 RIVALS = 3  # of a set, whose walls are taken as they come where its own are
-MOST = 0.5  # and this share where the law of blows would excuse what was left
+MOST = 0.5  # one more effect must leave at most this share of the power where the law of blows would excuse it
 
 
 @dataclass
-class Climb(Standards):
-    """From the drawing as it is to the best set of causes. without: kinds that the library leaves out."""
+class Climb(AbstractStandards):
+    """From the drawing as it is to the best set of causes. without: kinds that the library leaves out. large: whether
+    more effects at once earned their place than a diagnosis may be sure of.
+    """
 
     study: Study
     rng: np.random.Generator
@@ -44,6 +48,7 @@ class Climb(Standards):
 
     def __post_init__(self):
         self.searches = {id(self.search.subject): self.search}
+        self.large = False
 
     def smooth(self, singles: list[Cause]) -> tuple[Cause, Adequacy]:
         """Add effects as long as what is left is large enough to be worth one, and one takes a good part of it."""
@@ -154,13 +159,16 @@ class Climb(Standards):
                         cause, judged = self._judged(cause, search)
                         if self._accepted(cause, best, judged, last):
                             best, last = self._closer(cause, judged, search)
+                    if self._settled(best, last):
+                        break
             if self._settled(best, last):
                 break
         return best, last
 
     def _or_play(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """What is enough, or play: of a faint gap, play is what a clock or a length may imitate to within the noise."""
-        if not 0.0 < self.baseline.fitted.chi2 - best.fitted.chi2 < FAINT * self.scale**2:
+        gain = self.baseline.fitted.chi2 - best.fitted.chi2
+        if self.search.followed < 1.0 or not 0.0 < gain < FAINT * self.scale**2:
             return best, last
         for family in sorted(PLAYS & set(families(self.without))):
             search = None if self._cancelled() else self._search_of(family)
@@ -254,9 +262,20 @@ class Climb(Standards):
         """Single causes beside which one that switches on is tried: the likeliest, and each member of the best pair, of
         which the other may only imitate what switches on.
         """
-        members = (self.search.tried.get((c.name,)) for c in best.candidates)
-        found = {c.names: c for c in (alone, *members) if c is not None and c.fitted.fraction == 1.0}
-        return list(found.values())
+        found = [alone] if alone is not None else []
+        for member in best.candidates:
+            single = self._single(best, member)
+            if single is not None and single.names not in [c.names for c in found]:
+                found.append(single)
+        return [c for c in found if c.fitted.fraction == 1.0]
+
+    def _single(self, pair: Cause, member: Candidate) -> Cause | None:
+        """A member of a smooth pair alone, fitted where that was not done yet; None of one that is not smooth."""
+        known = self.search.tried.get((member.name,))
+        if known is not None or len(pair.candidates) != SURE or pair.fitted.subject is not self.search.subject:
+            return known
+        (other,) = (c for c in pair.candidates if c is not member)
+        return self.search.without(pair, other)
 
     def _search_of(self, family: str) -> Search | None:
         """The same experiments under another family's model; None where the mechanism has no place for it."""
@@ -320,6 +339,10 @@ class Climb(Standards):
         """
         if not self.enough(last):
             known = bool(best.candidates) and self.search.tried.get(best.names) is best
+            if known and best.fitted.fraction == 1.0 and last.power < MOST_GONE * self.at_base.power:
+                wide = self.scale / np.sqrt(softness(scaled(best.fitted, self.scale)))
+                for alias in self.searches[id(best.fitted.subject)].complete(best, float(wide)):
+                    self.search.tried[alias.names] = alias
             return self._likelier_than(best, last) if known else (best, last)
         for alias in self.searches[id(best.fitted.subject)].complete(best, self.scale) if best.candidates else ():
             self.search.tried[alias.names] = alias
@@ -340,20 +363,29 @@ class Climb(Standards):
         withdrawn.
         """
         size = len(best.candidates)
-        if size <= SURE or best.fitted.fraction < 1.0 or self._cancelled():
+        if size <= SURE or best.fitted.fraction < 1.0 or self.enough(last) or self._cancelled():
             return best, last
-        found, least = best, self._leaves(best)
+        self.large, found = True, best
         for few in range(1, size):
             sets = [c for c in self.search.tried.values() if len(c.candidates) == few and c.fitted.fraction == 1.0]
             near = sorted(sets, key=lambda c: -self._by_fit(c))[:PLAIN]
-            if plain := [c for c in near if all(TELLING * a <= b for a, b in zip(self._leaves(c), least, strict=True))]:
-                found, size = plain[0], few
+            plain = next((c for c in near if self._tells_little_more(best, last, c)), None)
+            if plain is not None:
+                found, size = plain, few
                 break
         self.search.tried = {k: c for k, c in self.search.tried.items() if len(c.candidates) <= size}
         if found is best:
             return best, last
         self._tell(f"{' + '.join(found.names)} leaves little more")
         return self._judged(found, self.searches[id(found.fitted.subject)])
+
+    def _tells_little_more(self, best: Cause, last: Adequacy, plain: Cause) -> bool:
+        """Whether a set takes little more than a smaller one off the fitted experiments and off the held-out ones."""
+        lost = (plain.fitted.chi2 - best.fitted.chi2) / best.fitted.r.size
+        if lost > (1.0 / TELLING - 1.0) * last.power:
+            return False
+        large, small = self.search.left(best, self.scale), self.search.left(plain, self.scale)
+        return large is None or small is None or TELLING * max(small.excess, 0.0) <= max(large.excess, 0.0)
 
     def _tell(self, words: str) -> None:
         self.search.tell(words)

@@ -128,7 +128,7 @@ class _Inquiry:
         if p > CLEAR and baseline.fitted.fraction == 1.0 and self.doubtful(baseline, singles):
             return self.report("none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first)
         climb = Climb(self.search, baseline, at_base, self.scale, self.tolerance_m, self.study, self.rng, self.without)
-        best, last = climb.plain(*climb.confirmed(*climb.switching(*climb.smooth(singles))))
+        best, last = climb.confirmed(*climb.plain(*climb.switching(*climb.smooth(singles))))
         self.scale = climb.scale
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb)
 
@@ -167,7 +167,7 @@ class _Inquiry:
         else:
             removed = 1.0 - last.power / max(gap_power(baseline.fitted, best.fitted, at_base.power), 1e-12)
         complete = best.fitted.fraction == 1.0
-        fits = fits and len(best.candidates) <= SURE and not climb.names_a_remainder(best)
+        fits = fits and len(best.candidates) <= SURE and not (climb.large or climb.names_a_remainder(best))
         nearly = removed >= MOST_OF_IT and complete
         verdict = "identified" if fits and complete else "approximate" if nearly else "unknown"
         return self.report(verdict, baseline, best, enough, about, latent, at_base, p, model_free, first, after)

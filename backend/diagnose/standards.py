@@ -29,7 +29,7 @@ NOTHING = 1e-12  # power, in noise variances a sample
 
 
 @dataclass
-class Standards:
+class AbstractStandards:
     """What a cause is held against: the drawing as it is (`baseline`, judged by `at_base`) and held-out experiments.
 
     scale: of all sigmas, learnt on the way. tolerance_m: what may remain [m, or rad where only encoders measured].
@@ -54,12 +54,6 @@ class Standards:
 
     def _by_fit(self, cause: Cause) -> float:
         return log_evidence(scaled(cause.fitted, self.scale)) + cause.log_odds
-
-    def _leaves(self, cause: Cause) -> tuple[float, float]:
-        """Power that a cause leaves of fitted and of held-out experiments [noise variances a sample]; 0 of none."""
-        left = self.search.left(cause, self.scale)
-        fitted = cause.fitted.chi2 / (cause.fitted.r.size * self.scale**2) - 1.0
-        return max(fitted, 0.0), 0.0 if left is None else max(left.excess, 0.0)
 
     def refused(self, cause: Cause) -> bool:
         """Whether held-out experiments show that the form is wrong."""

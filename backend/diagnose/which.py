@@ -270,9 +270,9 @@ class Search:
         return [self._keep(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
 
     def complete(self, cause: Cause, scale: float) -> list[Cause]:
-        """Sets not tried so far that leave to first order no more than a cause does, up to two members exchanged at
-        once: any pin of a linkage of one freedom rubs like the next, and a pair does what another does of which neither
-        member was in any set that a level refits. scale: of all sigmas.
+        """Sets not tried so far, or that went astray, that leave to first order no more than a cause does, up to two
+        members exchanged at once: any pin of a linkage of one freedom rubs like the next, and a pair does what another
+        does of which neither member was in any set that a level refits. scale: of all sigmas.
         """
         size = min(len(cause.candidates), EXCHANGED)
         found: list[tuple[float, Choice, dict[str, float]]] = []
@@ -284,7 +284,7 @@ class Search:
             own = next((gain for members, gain, _ in sets if set(members) == set(given)), np.inf)
             for members, gain, values in sets:
                 names = tuple(sorted(c.name for c in (*rest, *members)))
-                if gain > own - APART and names not in self.tried:
+                if gain > own - APART and self._astray(names, cause, scale):
                     worth = gain + 2.0 * sum(c.log_odds for c in members)
                     found.append((worth, self.subject.choose(*rest, *members), values))
         made = []
@@ -292,7 +292,15 @@ class Search:
             if not self.cancelled():
                 self.tell(f"trying {choice.name} as well")
                 made.append(fit(self.subject, choice, start=begun_from(cause.fitted, choice, values)))
-        return [self._keep(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
+        return [self._keep_likelier(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
+
+    def _astray(self, names: tuple[str, ...], cause: Cause, scale: float) -> bool:
+        """Whether a set that promises as much as a cause was not tried, or ended where it leaves more."""
+        made = self.tried.get(names)
+        if made is None or made is cause:
+            return made is None
+        same = made.fitted.fraction == cause.fitted.fraction
+        return same and made.fitted.chi2 - cause.fitted.chi2 > APART * scale**2
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
         """The same sets over longer records, as far as the best of them follows."""

@@ -110,5 +110,5 @@ def test_a_form_moved_to_another_pin_keeps_its_shape_and_does_as_much_there():
 
 def of(joint: str) -> Any:
     names = ("static", "sliding", "speed")
-    numbers = [SimpleNamespace(name=f"{joint}.{n}", parameter=n, lower=0.0, upper=10.0) for n in names]
+    numbers = [SimpleNamespace(name=f"{joint}.{n}", parameter=n, start=0.0, lower=0.0, upper=10.0) for n in names]
     return SimpleNamespace(on=(joint,), parameters=tuple(numbers), sizes=np.array([True, True, False]))

@@ -259,7 +259,7 @@ def _beside(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.n
     truth, rivals = causes[k], rivals_of(rig, [causes[k]])
     if truth.kind in WITHOUT_SLOPE:
         far = distance(witness, clean, rivals, (laws, record))
-        return with_other_hinges(far, witness, rig, truth, laws, clean, partial(_crisp, witness, rest))
+        return with_other_hinges(far, witness, rig, truth, laws, clean, partial(_crisp, witness))
     return confusion(witness, truth, rivals, laws, distance(witness, clean, [], (laws, record)).d2, rest)
 
 
@@ -270,13 +270,13 @@ def _distance(witness: Witness, rig: Rig, causes: list[Cause], without: Sequence
         far, drawn = distance(witness, clean, rivals), as_drawn(rig.linkage)
         if not causes or without:
             return far
-        return with_other_hinges(far, witness, rig, causes[0], drawn, clean, partial(_crisp, witness, []))
+        return with_other_hinges(far, witness, rig, causes[0], drawn, clean, partial(_crisp, witness))
     return confusion(witness, causes[0], rivals, as_drawn(rig.linkage), distance(witness, clean, []).d2)
 
 
-def _crisp(witness: Witness, causes: Sequence[Cause], laws: Laws) -> np.ndarray:
-    """Clean records of a row of laws, moved by our own engine."""
-    return reality(witness.linkage, causes, laws, witness.starts, witness.record)
+def _crisp(witness: Witness, laws: Laws) -> np.ndarray:
+    """Clean records of a row of laws, moved by this generator's own engine."""
+    return reality(witness.linkage, (), laws, witness.starts, witness.record)
 
 
 def _effect(cause: Cause) -> dict[str, Any]:
