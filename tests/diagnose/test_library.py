@@ -114,6 +114,7 @@ def test_where_a_camera_aims_stays_free_although_it_moves_nothing_before_there_i
     loudness = np.array([0.0 if "aim" in p.name else 1.0 for p in found.parameters])
     of_it = {c.name: c for c in heard(found, loudness).candidates}[f"{kind}:camera"]
     assert {"aim_right_m", "aim_down_m"} < {p.parameter for p in of_it.parameters}
+    assert of_it.prior_sd.min() > 0.0
 
 
 def test_where_a_spring_rests_stays_free_although_it_moves_nothing_before_there_is_a_spring():
@@ -122,7 +123,6 @@ def test_where_a_spring_rests_stays_free_although_it_moves_nothing_before_there_
     spring = next(c for c in heard(found, loudness).candidates if c.kind == "torsion_spring" and len(c.on) == 1)
     assert [p.parameter for p in spring.parameters] == ["stiffness_n_m_per_rad", "rest_rad"]
     assert spring.sizes.tolist() == [True, False]
-    assert of_it.prior_sd.min() > 0.0
 
 
 def test_where_nothing_moves_every_number_stays():
