@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.fitted import Fitted, start_of
@@ -42,11 +43,27 @@ class Cause:
         return dict(zip((p.name for p in self.fitted.choice.parameters), self.fitted.values.tolist(), strict=True))
 
 
-def begun_from(fitted: Fitted, choice: Choice, values: Mapping[str, float] | None = None) -> np.ndarray:
-    """Where a fit of another choice begins: at the values and starts of one that ended, and at these values."""
+def begun_from(
+    fitted: Fitted,
+    choice: Choice,
+    values: Mapping[str, float] | None = None,
+    given: Sequence[Candidate] = (),
+    moved: Float[np.ndarray, " own"] | None = None,
+) -> np.ndarray:
+    """Where a fit of another choice begins: at the values and starts of one that ended, and at these values.
+
+    moved: by how much all that is left of the fit, once `given` is given up, changes with it.
+    """
     known = dict(zip((p.name for p in fitted.choice.parameters), fitted.values, strict=True)) | dict(values or {})
     start = start_of(fitted.subject, choice, known)
     start[len(choice.parameters) :] = fitted.x[fitted.count :]
+    if moved is not None:
+        gone = {p.name for c in given for p in c.parameters}
+        left = [p.name for p in fitted.choice.parameters if p.name not in gone]
+        start[len(choice.parameters) :] += moved[len(left) :]
+        shifts = dict(zip(left, moved[: len(left)], strict=True))
+        for i, p in enumerate(choice.parameters):
+            start[i] = np.clip(start[i] + shifts.get(p.name, 0.0), p.lower, p.upper)
     return start
 
 

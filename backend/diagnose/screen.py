@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, product
 
@@ -23,13 +23,17 @@ DIFFERENT = 0.01  # of a response, above which two do not do the same
 class Screen:
     """Signatures about a fit, with what the fit's own numbers can imitate taken out.
 
-    S: (n, all) whitened slopes in every parameter of the library. r: what is left over, projected alike.
+    S: (n, all) whitened slopes in every parameter of the library. r: what is left over, projected alike. own: by how
+    much the fit's own numbers and starts change where they follow what is left over; taken: and by how much less of it
+    for each parameter.
     """
 
     subject: Subject
     fitted: Fitted
     S: Float[np.ndarray, "n all"]
     r: Float[np.ndarray, " n"]
+    own: Float[np.ndarray, " own"]
+    taken: Float[np.ndarray, "own all"]
     early: Screen | None = None
     """Of the first part of the records alone, where the misfit is large: later, first order no longer holds."""
 
@@ -85,6 +89,14 @@ class Screen:
         if np.sum((done - S @ step) ** 2) >= DIFFERENT * (done @ done):
             return None
         return {p.name: float(p.start + d) for p, d in zip(candidate.parameters, step, strict=True)}
+
+    def moved(self, members: Sequence[Candidate], values: Mapping[str, float]) -> Float[np.ndarray, " own"]:
+        """By how much the fit's own numbers and starts change where members have these values, to first order."""
+        there = np.zeros(self.S.shape[1])
+        for c in members:
+            for p, take in zip(c.parameters, c.takes, strict=True):
+                there[list(take)] += values.get(p.name, p.start) - p.start
+        return self.own - self.taken @ there
 
     def ranking(self, candidates: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
         """Largest gain first."""
@@ -259,4 +271,5 @@ def library_slopes(
 
 def _projected(subject: Subject, fitted: Fitted, S: np.ndarray, r: np.ndarray, J: np.ndarray) -> Screen:
     H = np.linalg.pinv(J.T @ J + np.diag(fitted.precision), hermitian=True)
-    return Screen(subject, fitted, S - J @ (H @ (J.T @ S)), r - J @ (H @ (J.T @ r)))
+    own, taken = H @ (J.T @ r), H @ (J.T @ S)
+    return Screen(subject, fitted, S - J @ taken, r - J @ own, own, taken)

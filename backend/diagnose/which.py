@@ -275,23 +275,26 @@ class Search:
         does of which neither member was in any set that a level refits. scale: of all sigmas.
         """
         size = min(len(cause.candidates), EXCHANGED)
-        found: list[tuple[float, Choice, dict[str, float]]] = []
+        found: list[tuple[float, Choice, np.ndarray]] = []
         for given in combinations(cause.candidates, size):
             rest = [c for c in cause.candidates if c not in given]
             every = dict.fromkeys([*given, *self.subject.library.candidates])  # a closer form is not in the library
             free = [c for c in every if not any(c.overlaps(kept) for kept in rest)]
-            sets = list(beyond(cause.fitted, given).rescaled(scale).sets(free, size))
+            about = beyond(cause.fitted, given).rescaled(scale)
+            sets = list(about.sets(free, size))
             own = next((gain for members, gain, _ in sets if set(members) == set(given)), np.inf)
             for members, gain, values in sets:
                 names = tuple(sorted(c.name for c in (*rest, *members)))
                 if gain > own - APART and self._astray(names, cause, scale):
                     worth = gain + 2.0 * sum(c.log_odds for c in members)
-                    found.append((worth, self.subject.choose(*rest, *members), values))
+                    choice = self.subject.choose(*rest, *members)
+                    x = begun_from(cause.fitted, choice, values, given, about.moved(members, values))
+                    found.append((worth, choice, x))
         made = []
-        for _, choice, values in sorted(found, key=lambda f: -f[0])[:ALIASES]:
+        for _, choice, x in sorted(found, key=lambda f: -f[0])[:ALIASES]:
             if not self.cancelled():
                 self.tell(f"trying {choice.name} as well")
-                made.append(fit(self.subject, choice, start=begun_from(cause.fitted, choice, values)))
+                made.append(fit(self.subject, choice, start=x))
         return [self._keep_likelier(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
 
     def _astray(self, names: tuple[str, ...], cause: Cause, scale: float) -> bool:

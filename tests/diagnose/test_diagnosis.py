@@ -203,6 +203,38 @@ def test_a_pair_finds_one_that_does_the_same_with_no_member_of_its_own(drawing):
     assert all(c.fitted.chi2 < fitted.chi2 + 2.0 * APART for c in found.values())  # what cannot do it is not fitted
 
 
+def test_a_set_that_does_the_same_begins_where_it_does(drawing):
+    """A turned camera for a base that leans: the bar starts that much higher."""
+    from backend.diagnose.cause import begun_from
+    from backend.diagnose.fitted import Seer, fit
+    from backend.diagnose.library import SMOOTH, heard, library
+    from backend.diagnose.screen import beyond, library_slopes
+    from backend.diagnose.subject import prepare
+    from backend.diagnose.which import Search
+
+    turned = study(drawing, 5, places=lambda p: p @ np.array([[c := np.cos(0.05), s := np.sin(0.05)], [-s, c]]))
+    search = Search(
+        prepare(turned, library(drawing, SMOOTH, turned.tolerances, FEW), COARSE_S), lambda w: None, lambda: False
+    )
+    subject, drawn = search.subject, search.baseline()
+    subject.library = heard(subject.library, np.linalg.norm(library_slopes(drawn.fitted), axis=0))
+    of = {c.name: c for c in subject.library.candidates}
+    lean, turn = of["gravity_tilt:world"], of["camera_rotation:camera"]
+    fitted = fit(subject, subject.choose(lean))
+    about, choice = beyond(fitted, (lean,)), subject.choose(turn)
+    values = next(values for members, _, values in about.sets([turn], 1) if members == (turn,))
+
+    def left(x):
+        probes = [p.choose(choice.ties, subject.neutral) for p in subject.fit]
+        r, _ = Seer(subject, probes, 1.0)(x)
+        return float(r @ r)
+
+    assert abs(next(iter(values.values()))) == pytest.approx(0.05, rel=0.05)
+    moved = left(begun_from(fitted, choice, values, (lean,), about.moved((turn,), values)))
+    assert moved < 1.1 * fitted.chi2
+    assert left(begun_from(fitted, choice, values)) > 5.0 * moved
+
+
 def test_a_drawing_that_is_right_has_no_gap(drawing):
     from backend.diagnose.run import diagnose_study
 

@@ -18,7 +18,8 @@ def screen(**responses):
     for i, p in enumerate(known.parameters):
         if p.name in responses:
             S[:, i] = np.array(responses[p.name]) / cast("float", p.prior_sd)
-    return Screen(cast("Any", SimpleNamespace(library=known)), cast("Any", None), S, np.zeros(5))
+    about: Any = SimpleNamespace(library=known)
+    return Screen(about, cast("Any", None), S, np.zeros(5), np.zeros(0), np.zeros((0, S.shape[1])))
 
 
 def told(about, scale=1.0):

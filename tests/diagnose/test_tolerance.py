@@ -31,7 +31,7 @@ def test_each_number_of_a_shared_cause_begins_where_its_own_tolerances_are():
     choice: Any = SimpleNamespace(parameters=held, prior_sd=np.full(len(held), 0.01))
     about = Screen(
         cast("Any", SimpleNamespace(library=known)), cast("Any", SimpleNamespace(choice=choice, values=values)),
-        np.zeros((3, len(known.parameters))), np.zeros(3),
+        np.zeros((3, len(known.parameters))), np.zeros(3), np.zeros(0), np.zeros((0, len(known.parameters))),
     )  # fmt: skip
     begin = {name.rpartition(".")[2]: value for name, value in about.guess(shared).items()}
     assert begin == pytest.approx({"offset_m[0]": 1.5e-3, "offset_m[1]": 6e-3})
