@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.fitted import Fitted, start_of
@@ -43,27 +42,11 @@ class Cause:
         return dict(zip((p.name for p in self.fitted.choice.parameters), self.fitted.values.tolist(), strict=True))
 
 
-def begun_from(
-    fitted: Fitted,
-    choice: Choice,
-    values: Mapping[str, float] | None = None,
-    given: Sequence[Candidate] = (),
-    moved: Float[np.ndarray, " own"] | None = None,
-) -> np.ndarray:
-    """Where a fit of another choice begins: at the values and starts of one that ended, and at these values.
-
-    moved: by how much all that is left of the fit, once `given` is given up, changes with it.
-    """
+def begun_from(fitted: Fitted, choice: Choice, values: Mapping[str, float] | None = None) -> np.ndarray:
+    """Where a fit of another choice begins: at the values and starts of one that ended, and at these values."""
     known = dict(zip((p.name for p in fitted.choice.parameters), fitted.values, strict=True)) | dict(values or {})
     start = start_of(fitted.subject, choice, known)
     start[len(choice.parameters) :] = fitted.x[fitted.count :]
-    if moved is not None:
-        gone = {p.name for c in given for p in c.parameters}
-        left = [p.name for p in fitted.choice.parameters if p.name not in gone]
-        start[len(choice.parameters) :] += moved[len(left) :]
-        shifts = dict(zip(left, moved[: len(left)], strict=True))
-        for i, p in enumerate(choice.parameters):
-            start[i] = np.clip(start[i] + shifts.get(p.name, 0.0), p.lower, p.upper)
     return start
 
 
@@ -79,28 +62,6 @@ def as_last(fitted: Fitted, about: Screen, candidate: Candidate) -> dict[str, fl
     shapes = dict(zip((p.parameter for p in other.parameters), fitted.values[own], strict=True))
     alike = zip(candidate.parameters, candidate.sizes, strict=True)
     return values | {p.name: float(shapes[p.parameter]) for p, size in alike if not size and p.parameter in shapes}
-
-
-def moved(fitted: Fitted, about: Screen, member: Candidate, other: Candidate) -> dict[str, float] | None:
-    """Where a fit with another candidate of a member's kind begins: with the member's shape, and so large that with the
-    shape it begins a search with it would do to first order most of what the member does. None where it can do none.
-    """
-    choice = fitted.choice
-    own = [i for i, p in enumerate(choice.parameters) if p in member.parameters]
-    names = [p.parameter for p in member.parameters]
-    if {p.parameter for p in other.parameters} != set(names):
-        return None
-    off = np.where(member.sizes, (fitted.values - choice.start)[own], 0.0)
-    order = [names.index(p.parameter) for p in other.parameters]
-    done, like = about.signature(member) @ off, about.signature(other) @ off[order]
-    ratio = float(done @ like) / max(float(like @ like), 1e-300)
-    if not ratio > 0.0:
-        return None
-    found = {}
-    for p, i in zip(other.parameters, order, strict=True):
-        value = p.start + ratio * off[i] if member.sizes[i] else fitted.values[own[i]]
-        found[p.name] = float(np.clip(value, p.lower, p.upper))
-    return found
 
 
 def in_order(fitted: Fitted) -> bool:

@@ -13,6 +13,7 @@ from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
 from backend.diagnose.ends import stopping_alike
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library
+from backend.diagnose.same_motion import complete, elsewhere
 from backend.diagnose.softness import softness
 from backend.diagnose.standards import NOTHING, SURE, WORTH, AbstractStandards
 from backend.diagnose.subject import prepare
@@ -84,7 +85,7 @@ class Climb(AbstractStandards):
             best, found = self._thinned(best, found)
         if not self._cancelled():
             best, found = self._narrowed(best, found)
-        if len(best.candidates) <= SURE and best.fitted.fraction == 1.0 and self.search.elsewhere(best):
+        if len(best.candidates) <= SURE and best.fitted.fraction == 1.0 and elsewhere(self.search, best):
             best, found = self._likelier_than(best, found)
         return best, found
 
@@ -341,10 +342,10 @@ class Climb(AbstractStandards):
             known = bool(best.candidates) and self.search.tried.get(best.names) is best
             if known and best.fitted.fraction == 1.0 and last.power < MOST_GONE * self.at_base.power:
                 wide = self.scale / np.sqrt(softness(scaled(best.fitted, self.scale)))
-                for alias in self.searches[id(best.fitted.subject)].complete(best, float(wide)):
+                for alias in complete(self.searches[id(best.fitted.subject)], best, float(wide)):
                     self.search.tried[alias.names] = alias
             return self._likelier_than(best, last) if known else (best, last)
-        for alias in self.searches[id(best.fitted.subject)].complete(best, self.scale) if best.candidates else ():
+        for alias in complete(self.searches[id(best.fitted.subject)], best, self.scale) if best.candidates else ():
             self.search.tried[alias.names] = alias
         near = [
             c for c in self.search.tried.values()

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from backend.diagnose.candidate import Candidate
-from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new, moved
+from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
 from backend.diagnose.fitted import Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.noise_learnt import remember, set_aside
 from backend.diagnose.probe import Probe
-from backend.diagnose.screen import EARLY, Screen, beyond, containing, screen, tuned
+from backend.diagnose.screen import EARLY, Screen, containing, screen, tuned
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.switch import promising
 from backend.diagnose.unseen import Left, Unseen, unseen
@@ -35,8 +34,6 @@ REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
 APART = 9.0  # squared sd below which two explanations do the same
-ALIASES = 12  # of them that are refitted
-EXCHANGED = 2  # members of a set, at once, for others that do the same
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
 Wider = Mapping[str, Sequence[Candidate]]
 
@@ -83,7 +80,7 @@ class Search:
             if remember(made, self.known) or changed:
                 made = fit(self.subject, made.choice, start=made.x)
                 self.known = responses(self.subject, made, raw)
-        return self._keep(made)
+        return self.keep(made)
 
     def _correct_steps(self, fitted: Fitted) -> None:
         """Let every experiment put the error of its step back."""
@@ -130,7 +127,7 @@ class Search:
             for candidate in dict.fromkeys([*self._promising(about, plain, refits), *there]):
                 self._join(parent, about.early or about, candidate, fits, rival)
             self._widen(parent, about.early or about, wider, fits, rival)
-            made += [self._keep(f) for f in self._stretch(fits) if in_order(f)]
+            made += [self.keep(f) for f in self._stretch(fits) if in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
 
     def _promising(self, about: Screen, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
@@ -228,7 +225,7 @@ class Search:
         """What remains of a cause, begun where the cause ended."""
         choice = self.subject.choose(*(c for c in cause.candidates if c is not member))
         fitted = fit(self.subject, choice, start=begun_from(cause.fitted, choice), fractions=self._horizons(cause))
-        return self._keep_likelier(fitted)
+        return self.keep_likelier(fitted)
 
     def simpler(self, cause: Cause) -> list[Cause]:
         """A cause with a simpler form, at the same place, instead of a member that contains it."""
@@ -244,66 +241,10 @@ class Search:
                 fits: list[Fitted] = []
                 self._join(rest, about, simple, fits, None)
                 for fitted in filter(in_order, fits):
-                    self._keep(fitted)
+                    self.keep(fitted)
                 names = tuple(sorted([*others, simple.name]))
                 made += [self.tried[names]] if names in self.tried else []
         return made
-
-    def elsewhere(self, cause: Cause) -> list[Cause]:
-        """A cause with a member that contains a simpler form at every other place where its kind may act, begun with
-        its shape: slopes of what is absent know none, so that it may stand where the simpler form came out best.
-        """
-        made = []
-        for member in cause.candidates:
-            if not any(member.tries) or member.sought or member.sizes.sum() < 2:
-                continue
-            rest = [c for c in cause.candidates if c is not member]
-            about = beyond(cause.fitted, (member,))
-            for other in self.subject.library.candidates:
-                names = tuple(sorted(c.name for c in (*rest, other)))
-                if other.kind != member.kind or names in self.tried or any(other.overlaps(c) for c in rest):
-                    continue
-                if (values := moved(cause.fitted, about, member, other)) and not self.cancelled():
-                    self.tell(f"trying {' + '.join(names)} as well")
-                    choice = self.subject.choose(*rest, other)
-                    made.append(fit(self.subject, choice, start=begun_from(cause.fitted, choice, values)))
-        return [self._keep(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
-
-    def complete(self, cause: Cause, scale: float) -> list[Cause]:
-        """Sets not tried so far, or that went astray, that leave to first order no more than a cause does, up to two
-        members exchanged at once: any pin of a linkage of one freedom rubs like the next, and a pair does what another
-        does of which neither member was in any set that a level refits. scale: of all sigmas.
-        """
-        size = min(len(cause.candidates), EXCHANGED)
-        found: list[tuple[float, Choice, np.ndarray]] = []
-        for given in combinations(cause.candidates, size):
-            rest = [c for c in cause.candidates if c not in given]
-            every = dict.fromkeys([*given, *self.subject.library.candidates])  # a closer form is not in the library
-            free = [c for c in every if not any(c.overlaps(kept) for kept in rest)]
-            about = beyond(cause.fitted, given).rescaled(scale)
-            sets = list(about.sets(free, size))
-            own = next((gain for members, gain, _ in sets if set(members) == set(given)), np.inf)
-            for members, gain, values in sets:
-                names = tuple(sorted(c.name for c in (*rest, *members)))
-                if gain > own - APART and self._astray(names, cause, scale):
-                    worth = gain + 2.0 * sum(c.log_odds for c in members)
-                    choice = self.subject.choose(*rest, *members)
-                    x = begun_from(cause.fitted, choice, values, given, about.moved(members, values))
-                    found.append((worth, choice, x))
-        made = []
-        for _, choice, x in sorted(found, key=lambda f: -f[0])[:ALIASES]:
-            if not self.cancelled():
-                self.tell(f"trying {choice.name} as well")
-                made.append(fit(self.subject, choice, start=x))
-        return [self._keep_likelier(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
-
-    def _astray(self, names: tuple[str, ...], cause: Cause, scale: float) -> bool:
-        """Whether a set that promises as much as a cause was not tried, or ended where it leaves more."""
-        made = self.tried.get(names)
-        if made is None or made is cause:
-            return made is None
-        same = made.fitted.fraction == cause.fitted.fraction
-        return same and made.fitted.chi2 - cause.fitted.chi2 > APART * scale**2
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
         """The same sets over longer records, as far as the best of them follows."""
@@ -332,7 +273,7 @@ class Search:
                     x = begun_from(parent.fitted, choice, values)
                     fitted = self._near(rival, choice, x, self._horizons(rival))
                     if fitted is not None and np.isfinite(fitted.chi2):
-                        made.append(self._keep(fitted))
+                        made.append(self.keep(fitted))
         return made
 
     def switching(
@@ -361,7 +302,7 @@ class Search:
             self.tell(f"trying {' + '.join([candidate.name, *names])}")
             fitted = self._grown(self.subject.choose(*others, candidate), values, baseline.fitted, rival.fitted)
             if fitted is not None and np.isfinite(fitted.chi2):
-                made.append(self._keep(fitted))
+                made.append(self.keep(fitted))
         return sorted(made, key=lambda c: -c.log_z)
 
     def closer(self, cause: Cause) -> Cause:
@@ -397,7 +338,7 @@ class Search:
         fitted = fit(self.subject, choice, start=begun_from(cause.fitted, choice, values))
         if not np.isfinite(fitted.chi2):
             return None
-        return self._keep_likelier(fitted)
+        return self.keep_likelier(fitted)
 
     def _grown(self, choice: Choice, values: dict[str, float], drawn: Fitted, rival: Fitted) -> Fitted | None:
         """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one, or
@@ -424,7 +365,7 @@ class Search:
         """The same set over the whole records."""
         if cause.fitted.fraction == 1.0:
             return cause
-        return self._keep(fit(self.subject, cause.fitted.choice, start=cause.fitted.x))
+        return self.keep(fit(self.subject, cause.fitted.choice, start=cause.fitted.x))
 
     def look_again(self, cause: Cause) -> None:
         """Take the responses to unknown forces about this cause."""
@@ -449,7 +390,7 @@ class Search:
         made = self._unseen(cause)
         return -np.inf if made is None else made.rescaled(scale).log_density()
 
-    def _keep_likelier(self, fitted: Fitted) -> Cause:
+    def keep_likelier(self, fitted: Fitted) -> Cause:
         """What was tried under the same names, over as much of the records, unless this fit is the likelier."""
         made = Cause(fitted, log_evidence(fitted))
         before = self.tried.get(made.names)
@@ -459,7 +400,8 @@ class Search:
         self.tried[made.names] = made
         return made
 
-    def _keep(self, fitted: Fitted) -> Cause:
+    def keep(self, fitted: Fitted) -> Cause:
+        """Enter it among what was tried."""
         cause = Cause(fitted, log_evidence(fitted))
         self.tried[cause.names] = cause
         return cause

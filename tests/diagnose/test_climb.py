@@ -76,7 +76,7 @@ def test_where_no_form_is_right_the_most_probable_set_is_the_answer(monkeypatch,
     )
     climb.at_base, climb.scale = SimpleNamespace(power=100.0), 1.0
     climb.search = SimpleNamespace(tried={first.names: first, likelier.names: likelier})
-    climb.search.complete = lambda best, scale: [alias] if scale == 2.0 else []
+    monkeypatch.setattr(module, "complete", lambda search, best, scale: [alias] if scale == 2.0 else [])
     climb.searches = {id(subject): climb.search}
     monkeypatch.setattr(module, "scaled", lambda fitted, scale: fitted)
     monkeypatch.setattr(module, "softness", lambda fitted: 0.25)

@@ -184,6 +184,7 @@ def test_a_pair_finds_one_that_does_the_same_with_no_member_of_its_own(drawing):
     from backend.diagnose.cause import Cause
     from backend.diagnose.fitted import fit, log_evidence
     from backend.diagnose.library import SMOOTH, library
+    from backend.diagnose.same_motion import complete
     from backend.diagnose.subject import prepare
     from backend.diagnose.which import APART, Search
 
@@ -196,7 +197,7 @@ def test_a_pair_finds_one_that_does_the_same_with_no_member_of_its_own(drawing):
     fitted = fit(search.subject, search.subject.choose(of["linear_drag:bar"], of["inertia_error:bar"]))
     known = Cause(fitted, log_evidence(fitted))
     assert list(search.tried) == [()]  # no level led to either of the two
-    found = {c.names: c for c in search.complete(known, 1.0)}
+    found = {c.names: c for c in complete(search, known, 1.0)}
     same = found[("frame_rate_error:camera", "viscous_friction:j1")]
     assert abs(same.fitted.chi2 - fitted.chi2) < APART
     assert same.values["viscous_friction:j1.damping_n_m_s_per_rad"] == pytest.approx(4e-3, rel=0.05)
@@ -208,6 +209,7 @@ def test_a_set_that_does_the_same_begins_where_it_does(drawing):
     from backend.diagnose.cause import begun_from
     from backend.diagnose.fitted import Seer, fit
     from backend.diagnose.library import SMOOTH, heard, library
+    from backend.diagnose.same_motion import begun_alike
     from backend.diagnose.screen import beyond, library_slopes
     from backend.diagnose.subject import prepare
     from backend.diagnose.which import Search
@@ -230,7 +232,7 @@ def test_a_set_that_does_the_same_begins_where_it_does(drawing):
         return float(r @ r)
 
     assert abs(next(iter(values.values()))) == pytest.approx(0.05, rel=0.05)
-    moved = left(begun_from(fitted, choice, values, (lean,), about.moved((turn,), values)))
+    moved = left(begun_alike(fitted, choice, about, (lean,), (turn,), values))
     assert moved < 1.1 * fitted.chi2
     assert left(begun_from(fitted, choice, values)) > 5.0 * moved
 

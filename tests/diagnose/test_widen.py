@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.diagnose import which
-from backend.diagnose.cause import moved
+from backend.diagnose import same_motion, which
+from backend.diagnose.same_motion import elsewhere, of_its_shape
 from backend.diagnose.which import Search
 
 
@@ -62,7 +62,7 @@ def test_a_simpler_form_is_tried_in_the_place_of_one_that_contains_it(monkeypatc
         which, "containing", lambda about, free: {simple.name: [wider], "coulomb:j2": [form("x", "j2")]}
     )
     monkeypatch.setattr(which, "in_order", lambda fitted: True)
-    monkeypatch.setattr(search, "_keep", lambda fitted: search.tried.setdefault((simple.name, other.name), fitted))
+    monkeypatch.setattr(search, "keep", lambda fitted: search.tried.setdefault((simple.name, other.name), fitted))
     made = search.simpler(SimpleNamespace(candidates=(wider, other)))
     assert search.order == [simple.name]
     assert [m.choice.candidates for m in made] == [(simple,)]
@@ -78,13 +78,16 @@ def test_a_form_that_contains_a_simpler_one_is_tried_wherever_it_may_act(monkeyp
         library=SimpleNamespace(candidates=[*library, other]), choose=lambda *members: members
     )
     other.tries, other.overlaps = (), lambda c: False
-    monkeypatch.setattr(which, "beyond", lambda fitted, given: given)
-    monkeypatch.setattr(which, "moved", lambda fitted, about, member, c: None if c.name == "stribeck:j3" else {"x": 1})
-    monkeypatch.setattr(which, "begun_from", lambda fitted, choice, values: values)
-    monkeypatch.setattr(which, "fit", lambda subject, choice, start: SimpleNamespace(chi2=1.0, choice=choice))
-    monkeypatch.setattr(which, "in_order", lambda fitted: True)
-    monkeypatch.setattr(search, "_keep", lambda fitted: [c.name for c in fitted.choice])
-    made = search.elsewhere(SimpleNamespace(candidates=(library[0], other), fitted=None))
+    monkeypatch.setattr(same_motion, "beyond", lambda fitted, given: given)
+    monkeypatch.setattr(
+        same_motion, "of_its_shape", lambda fitted, about, member, c: None if c.name == "stribeck:j3" else {"x": 1}
+    )
+    monkeypatch.setattr(same_motion, "begun_from", lambda fitted, choice, values: values)
+    monkeypatch.setattr(same_motion, "fit", lambda subject, choice, start: SimpleNamespace(chi2=1.0, choice=choice))
+    monkeypatch.setattr(same_motion, "in_order", lambda fitted: True)
+    monkeypatch.setattr(search, "keep", lambda fitted: [c.name for c in fitted.choice])
+    cause: Any = SimpleNamespace(candidates=(library[0], other), fitted=None)
+    made = elsewhere(search, cause)
     assert made == [["spring:j4", "stribeck:j4"]]
 
 
@@ -103,9 +106,9 @@ def test_a_form_moved_to_another_pin_keeps_its_shape_and_does_as_much_there():
     )
     slopes = {"j1": np.diag([1.0, 1.0, 0.0]), "j2": np.diag([2.0, 2.0, 0.0])}  # the second turns twice as far
     about: Any = SimpleNamespace(signature=lambda candidate: slopes[candidate.on[0]])
-    assert moved(fitted, about, first, second) == {"j2.static": 0.2, "j2.sliding": 0.1, "j2.speed": 3.0}
+    assert of_its_shape(fitted, about, first, second) == {"j2.static": 0.2, "j2.sliding": 0.1, "j2.speed": 3.0}
     slopes["j2"] = -slopes["j2"]  # friction does not drive
-    assert moved(fitted, about, first, second) is None
+    assert of_its_shape(fitted, about, first, second) is None
 
 
 def of(joint: str) -> Any:

@@ -91,17 +91,16 @@ def _left_by_all(
     def miss(logs: np.ndarray) -> np.ndarray:
         numbers = zip(fields, np.exp(logs), strict=True)
         changes = [Change(field, i, value, sized=field == "coulomb") for field, value in numbers for i in hinges]
-        try:
-            seen = record_of(changed(rest, changes))
-        except Stuck:  # the true case is sound, whatever becomes of a rival
-            return np.full(len(along_start) * true.shape[1], np.inf)
-        return projected(true - whitened(seen, witness.noise), along_start)
+        return projected(true - whitened(record_of(changed(rest, changes)), witness.noise), along_start)
 
     begin = np.log(np.abs([torque / turns.sum(), excess, rate * (turns @ turns) / turns.sum()]))
-    r = miss(begin)
-    if r @ r < ALIKE:
-        return float(r @ r)
-    J = np.stack([miss(begin + STEP * e) - r for e in np.eye(3)], 1) / STEP
-    step = np.clip(np.linalg.lstsq(J, r, rcond=1e-12)[0], -1.0, 1.0)
-    moved = miss(begin - step)
-    return float(min(r @ r, moved @ moved))
+    left = np.inf
+    try:
+        r = miss(begin)
+        if (left := float(r @ r)) < ALIKE:
+            return left
+        J = np.stack([miss(begin + STEP * e) - r for e in np.eye(3)], 1) / STEP
+        r = miss(begin - np.clip(np.linalg.lstsq(J, r, rcond=1e-12)[0], -1.0, 1.0))
+        return min(left, float(r @ r))
+    except Stuck:  # the true case is sound, whatever becomes of a rival
+        return left

@@ -1,0 +1,126 @@
+"""Sets that could do what a cause does, and were not tried or went astray: any pin of a linkage of one freedom rubs
+like the next, and a pair does what another does of which neither member was in any set that a level refits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float
+
+from backend.diagnose.candidate import Candidate
+from backend.diagnose.cause import Cause, begun_from, in_order
+from backend.diagnose.fitted import Fitted, fit
+from backend.diagnose.screen import Screen, beyond
+from backend.diagnose.subject import Choice
+from backend.diagnose.which import APART, Search
+
+ALIASES = 12  # sets that are refitted
+EXCHANGED = 2  # members of a set, at once, for others that do the same
+
+
+def complete(search: Search, cause: Cause, scale: float) -> list[Cause]:
+    """Sets that leave to first order no more than a cause does, with up to two members exchanged at once, fitted.
+
+    scale: of all sigmas.
+    """
+    size = min(len(cause.candidates), EXCHANGED)
+    found: list[tuple[float, Choice, Float[np.ndarray, " x"]]] = []
+    for given in combinations(cause.candidates, size):
+        rest = [c for c in cause.candidates if c not in given]
+        every = dict.fromkeys([*given, *search.subject.library.candidates])  # a closer form is not in the library
+        free = [c for c in every if not any(c.overlaps(kept) for kept in rest)]
+        about = beyond(cause.fitted, given).rescaled(scale)
+        sets = list(about.sets(free, size))
+        own = next((gain for members, gain, _ in sets if set(members) == set(given)), np.inf)
+        for members, gain, values in sets:
+            names = tuple(sorted(c.name for c in (*rest, *members)))
+            if gain > own - APART and _untried_or_astray(search, names, cause, scale):
+                worth = gain + 2.0 * sum(c.log_odds for c in members)
+                choice = search.subject.choose(*rest, *members)
+                found.append((worth, choice, begun_alike(cause.fitted, choice, about, given, members, values)))
+    made = []
+    for _, choice, x in sorted(found, key=lambda f: -f[0])[:ALIASES]:
+        if not search.cancelled():
+            search.tell(f"trying {choice.name} as well")
+            made.append(fit(search.subject, choice, start=x))
+    return [search.keep_likelier(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
+
+
+def begun_alike(
+    fitted: Fitted,
+    choice: Choice,
+    about: Screen,
+    given: Sequence[Candidate],
+    members: Sequence[Candidate],
+    values: Mapping[str, float],
+) -> Float[np.ndarray, " x"]:
+    """Where a set with `members` in the place of `given` begins, so that to first order it moves as the fit does: its
+    starts follow. about: the fit without `given`. values: of members, by name; one that was given up and is back keeps
+    what it had, because first order knows its size without its shape only.
+    """
+    had = dict(zip((p.name for p in fitted.choice.parameters), fitted.values.tolist(), strict=True))
+    sizes = {p.name for c in members for p, size in zip(c.parameters, c.sizes, strict=True) if size}
+    told = {name: had.get(name, value) for name, value in values.items() if name in sizes}
+    x, shift = begun_from(fitted, choice, told), about.moved(members, told)
+    gone = {p.name for c in given for p in c.parameters}
+    left = [p.name for p in fitted.choice.parameters if p.name not in gone]
+    x[len(choice.parameters) :] += shift[len(left) :]
+    shifts = dict(zip(left, shift[: len(left)], strict=True))
+    for i, p in enumerate(choice.parameters):
+        x[i] = np.clip(x[i] + shifts.get(p.name, 0.0), p.lower, p.upper)
+    return x
+
+
+def _untried_or_astray(search: Search, names: tuple[str, ...], cause: Cause, scale: float) -> bool:
+    """Whether a set that promises as much as a cause was not tried, or ended where it leaves more."""
+    made = search.tried.get(names)
+    if made is None or made is cause:
+        return made is None
+    same = made.fitted.fraction == cause.fitted.fraction
+    return same and made.fitted.chi2 - cause.fitted.chi2 > APART * scale**2
+
+
+def elsewhere(search: Search, cause: Cause) -> list[Cause]:
+    """A cause with a member that contains a simpler form at every other place where its kind may act, begun with its
+    shape: slopes of what is absent know none, so that it may stand where the simpler form came out best.
+    """
+    made = []
+    for member in cause.candidates:
+        if not any(member.tries) or member.sought or member.sizes.sum() < 2:
+            continue
+        rest = [c for c in cause.candidates if c is not member]
+        about = beyond(cause.fitted, (member,))
+        for other in search.subject.library.candidates:
+            names = tuple(sorted(c.name for c in (*rest, other)))
+            if other.kind != member.kind or names in search.tried or any(other.overlaps(c) for c in rest):
+                continue
+            if (values := of_its_shape(cause.fitted, about, member, other)) and not search.cancelled():
+                search.tell(f"trying {' + '.join(names)} as well")
+                choice = search.subject.choose(*rest, other)
+                made.append(fit(search.subject, choice, start=begun_from(cause.fitted, choice, values)))
+    return [search.keep(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
+
+
+def of_its_shape(fitted: Fitted, about: Screen, member: Candidate, other: Candidate) -> dict[str, float] | None:
+    """Values of another candidate of a member's kind: the member's shape, and so large that with the shape it begins a
+    search with it would do to first order most of what the member does. None where it can do none.
+    """
+    choice = fitted.choice
+    own = [i for i, p in enumerate(choice.parameters) if p in member.parameters]
+    names = [p.parameter for p in member.parameters]
+    if {p.parameter for p in other.parameters} != set(names):
+        return None
+    off = np.where(member.sizes, (fitted.values - choice.start)[own], 0.0)
+    order = [names.index(p.parameter) for p in other.parameters]
+    done, like = about.signature(member) @ off, about.signature(other) @ off[order]
+    ratio = float(done @ like) / max(float(like @ like), 1e-300)
+    if not ratio > 0.0:
+        return None
+    found = {}
+    for p, i in zip(other.parameters, order, strict=True):
+        value = p.start + ratio * off[i] if member.sizes[i] else fitted.values[own[i]]
+        found[p.name] = float(np.clip(value, p.lower, p.upper))
+    return found
