@@ -226,7 +226,7 @@ def test_the_noise_is_as_stated():
 
 
 def test_engines_draw_what_is_amiss_into_their_copy(swinging):
-    pytest.importorskip("mujoco", reason="MuJoCo is one of the engines that move studies")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install linktwin[peers]")
     rig, starts = swinging
     made = cause(rig, "viscous_friction", 0, 0.05, None)
     laws = changed(as_drawn(rig.linkage), made.changes)

@@ -113,12 +113,12 @@ def test_a_kick_is_the_rate_of_the_joint_that_is_drawn_first(name):
 
 @pytest.mark.parametrize("name", ["four-bar", "slider-crank", "scissor", "six-bar"])
 def test_mujoco_moves_the_drawn_linkage_the_same(name):
-    pytest.importorskip("mujoco", reason="MuJoCo is one of the engines that move studies")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install linktwin[peers]")
     agree("mujoco", name, 1e-5)  # MuJoCo's loops give way: 3e-6 m in a scissor
 
 
 def test_exudyn_moves_the_drawn_linkage_the_same():
-    pytest.importorskip("exudyn", reason="Exudyn is one of the engines that move studies")
+    pytest.importorskip("exudyn", reason="Exudyn is not installed: pip install linktwin[peers]")
     agree("exudyn", "slider-crank", 1e-6)
 
 
@@ -126,7 +126,7 @@ def test_exudyn_moves_the_drawn_linkage_the_same():
     ("kind", "i", "size"), [("pin_friction", 3, 1.0), ("gravity_tilt", 0, 0.05), ("mass_error", 1, 0.2)]
 )
 def test_mujoco_means_the_same_by_what_is_amiss(kind, i, size):
-    pytest.importorskip("mujoco", reason="MuJoCo is one of the engines that move studies")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install linktwin[peers]")
     # Bristles, and loads a step old there, tell frictions apart by a fifth of a millimetre.
     agree("mujoco", "four-bar", 5e-4 if kind == "pin_friction" else 1e-6, (kind, i, size))
 
