@@ -141,10 +141,9 @@ def aliases(
     found: list[list[str]] = []
     at = 0
     for own in cause.candidates:
-        S = about.signature(own) / scale
-        part = slice(at, at + S.shape[1])
-        change = S @ (cause.fitted.values[part] - cause.fitted.choice.start[part])
-        at += S.shape[1]
+        part = slice(at, at + len(own.parameters))
+        change = about.done_by(own, cause.fitted.values[part] - cause.fitted.choice.start[part]) / scale
+        at += len(own.parameters)
         rest = [c for c in cause.candidates if c is not own]
         beside = [about.signature(c) / scale for c in rest]
         for k in others:

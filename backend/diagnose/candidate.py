@@ -11,6 +11,8 @@ from jaxtyping import Bool, Float
 from backend.effects.catalogue import catalogue
 from backend.fit.free import FreeParameter
 
+WIDE = 3.0  # of its prior's sd: as far as a number is thought to lie while nothing but slopes is known
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -71,15 +73,54 @@ class Candidate:
         return np.array([not worth for worth in self.tries], bool)
 
     @property
+    def told(self) -> frozenset[str]:
+        """Numbers, by name, of which slopes tell something while it is absent."""
+        tells = self.sizes
+        if self.proportional is not None:
+            tells[self.proportional[1]] = True
+        return frozenset(p.name for p, known in zip(self.parameters, tells, strict=True) if known)
+
+    @property
     def one_sided(self) -> np.ndarray:
         """Which numbers cannot fall below where they start."""
         return np.array([p.lower >= p.start for p in self.parameters])
+
+    @property
+    def proportional(self) -> tuple[int, int] | None:
+        """Of a spring that rests where nobody knows: its size, and the shape that acts in proportion to it."""
+        declared = catalogue()[self.kind].declarations()
+        for shape, p in enumerate(self.parameters):
+            to = None if self.sizes[shape] else declared[p.parameter].proportional_to
+            for size, other in enumerate(self.parameters):
+                if other.parameter == to and other.start == 0.0:
+                    return size, shape
+        return None
+
+    def steps(self, offsets: Float[np.ndarray, " own"]) -> Float[np.ndarray, " own"]:
+        """Steps along its responses, of which one is that to its shape at the size that is expected of it, from how far
+        its numbers lie off their starts.
+        """
+        made = offsets.copy()
+        if self.proportional is not None:
+            size, shape = self.proportional
+            made[shape] *= offsets[size] / self.prior_sd[size]
+        return made
+
+    def offsets(self, step: Float[np.ndarray, " own"]) -> Float[np.ndarray, " own"]:
+        """The other way; a spring that would push rests as far away as is thought possible."""
+        made = step.copy()
+        if self.proportional is not None:
+            size, shape = self.proportional
+            far, pull = WIDE * self.prior_sd[shape], step[shape] * self.prior_sd[size]
+            made[size] = max(step[size], abs(pull) / far)
+            made[shape] = pull / made[size] if made[size] > 0.0 else 0.0
+        return made
 
     def allows(self, step: Float[np.ndarray, "*draws own"]) -> Bool[np.ndarray, " *draws"]:
         """Whether steps of its numbers lead where it can go, if one number says how much of it there is: friction does
         not drive.
         """
-        if self.sizes.sum() != 1:
+        if self.sizes.sum() != 1 or self.proportional is not None:
             return np.ones(step.shape[:-1], bool)
         return ~np.any((step < 0) & self.one_sided & self.sizes, axis=-1)
 

@@ -56,12 +56,12 @@ def as_last(fitted: Fitted, about: Screen, candidate: Candidate) -> dict[str, fl
     """
     other, choice = fitted.choice.candidates[-1], fitted.choice
     own = slice(choice.own - len(other.parameters), choice.own)
-    values = about.imitated(candidate, about.signature(other) @ (fitted.values - choice.start)[own])
+    values = about.imitated(candidate, about.done_by(other, (fitted.values - choice.start)[own]))
     if values is None:
         return None
     shapes = dict(zip((p.parameter for p in other.parameters), fitted.values[own], strict=True))
-    alike = zip(candidate.parameters, candidate.sizes, strict=True)
-    return values | {p.name: float(shapes[p.parameter]) for p, size in alike if not size and p.parameter in shapes}
+    unknown = (p for p in candidate.parameters if p.name not in candidate.told and p.parameter in shapes)
+    return values | {p.name: float(shapes[p.parameter]) for p in unknown}
 
 
 def in_order(fitted: Fitted) -> bool:

@@ -39,6 +39,7 @@ PLAYS = frozenset(kind for kind, e in catalogue().items() if issubclass(e, Abstr
 TIGHT = 1e-6  # mechanism lengths: play of a pin that is as good as none
 GIVES = (10.0, 1.0, 0.1)  # of the softest stiffness that nobody need state: where a search for it begins
 OF_DRAWN = 0.3  # of a value that is drawn: how far it may be off before any data
+FAINT = 1e-6  # of the size that is expected: so little of an absent effect is there that it tells its shape's slope
 SILENT = 1e-6  # of what the loudest number of a cause moves
 KNOWN_ENOUGH = 3.0  # a tolerance of a drawing is a finding beyond so many of its standard deviations
 
@@ -129,7 +130,7 @@ def library(
     ]
     tight = TIGHT * float(build(mechanism).scale.length_m)
     neutral = tuple(
-        p.start if p.name in known or sd is None or p.addresses[0][0] not in added else _absent(p, row, tight)
+        p.start if p.name in known or sd is None or p.addresses[0][0] not in added else _absent(p, sd, row, tight)
         for p, sd, row in zip(found, wide, rows, strict=True)
     )
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
@@ -171,9 +172,11 @@ def _shared_out(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(map(shared, candidates))
 
 
-def _absent(p: FreeParameter, row: ParameterRow, tight: float) -> float:
+def _absent(p: FreeParameter, sd: float, row: ParameterRow, tight: float) -> float:
     """What a number is while its effect is not there: pins fit, links do not bend."""
     effect = catalogue()[p.kind]
+    if any(d.proportional_to == p.parameter for d in effect.declarations().values()):
+        return p.start + FAINT * sd
     if issubclass(effect, AbstractJointClearance):
         return tight
     held = row.declaration.default

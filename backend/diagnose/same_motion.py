@@ -62,8 +62,8 @@ def begun_alike(
     what it had, because first order knows its size without its shape only.
     """
     had = dict(zip((p.name for p in fitted.choice.parameters), fitted.values.tolist(), strict=True))
-    sizes = {p.name for c in members for p, size in zip(c.parameters, c.sizes, strict=True) if size}
-    told = {name: had.get(name, value) for name, value in values.items() if name in sizes}
+    known = frozenset[str]().union(*(c.told for c in members))
+    told = {name: had.get(name, value) for name, value in values.items() if name in known}
     x, shift = begun_from(fitted, choice, told), about.moved(members, told)
     gone = {p.name for c in given for p in c.parameters}
     left = [p.name for p in fitted.choice.parameters if p.name not in gone]

@@ -9,8 +9,9 @@ from itertools import combinations, pairwise, product
 import numpy as np
 from jaxtyping import Float
 
-from backend.diagnose.candidate import Candidate
+from backend.diagnose.candidate import WIDE, Candidate
 from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.library import FAINT
 from backend.diagnose.subject import ALIKE, SAME, Subject
 
 DRAWS = 2000
@@ -44,6 +45,13 @@ class Screen:
     def signature(self, candidate: Candidate) -> Float[np.ndarray, "n own"]:
         """Projected response to the candidate's numbers."""
         return self.S @ candidate.ties(self.S.shape[1])
+
+    def done_by(self, candidate: Candidate, offsets: Float[np.ndarray, " own"]) -> Float[np.ndarray, " n"]:
+        """What numbers of the candidate that lie so far off their starts do, to first order."""
+        return self.signature(candidate) @ (offsets if self._present(candidate) else candidate.steps(offsets))
+
+    def _present(self, candidate: Candidate) -> bool:
+        return candidate in self.fitted.choice.candidates
 
     def gain(self, candidate: Candidate) -> float:
         """b' (S' P⊥ S + Λ)⁻¹ b, and what a tolerance that it sets free pays: twice the log likelihood that it would
@@ -86,16 +94,18 @@ class Screen:
         """Values by which the candidate does to first order what another did, by name; None where it cannot."""
         S = self.signature(candidate)
         step = np.linalg.lstsq(S, done, rcond=1e-12)[0]
-        if np.sum((done - S @ step) ** 2) >= DIFFERENT * (done @ done):
+        off = step if self._present(candidate) else candidate.offsets(step)
+        if np.sum((done - self.done_by(candidate, off)) ** 2) >= DIFFERENT * (done @ done):
             return None
-        return {p.name: float(p.start + d) for p, d in zip(candidate.parameters, step, strict=True)}
+        return {p.name: float(p.start + d) for p, d in zip(candidate.parameters, off, strict=True)}
 
     def moved(self, members: Sequence[Candidate], values: Mapping[str, float]) -> Float[np.ndarray, " own"]:
         """By how much the fit's own numbers and starts change where members have these values, to first order."""
         there = np.zeros(self.S.shape[1])
         for c in members:
-            for p, take in zip(c.parameters, c.takes, strict=True):
-                there[list(take)] += values.get(p.name, p.start) - p.start
+            off = np.array([values.get(p.name, p.start) - p.start for p in c.parameters])
+            for take, step in zip(c.takes, off if self._present(c) else c.steps(off), strict=True):
+                there[list(take)] += step
         return self.own - self.taken @ there
 
     def ranking(self, candidates: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
@@ -120,8 +130,7 @@ class Screen:
             if all(c.allows(own) for c, own in zip(members, steps, strict=True)):
                 values: dict[str, float] = {}
                 for c, own in zip(members, steps, strict=True):
-                    sized = {p.name for p, is_size in zip(c.parameters, c.sizes, strict=True) if is_size}
-                    values |= {name: value for name, value in _values(c, own).items() if name in sized}
+                    values |= {name: value for name, value in _values(c, own).items() if name in c.told}
                 yield tuple(members), float(b[at] @ step), values
 
     def ceiling(self) -> float:
@@ -161,9 +170,10 @@ class Screen:
 
 
 def _values(candidate: Candidate, step: Float[np.ndarray, " own"]) -> dict[str, float]:
-    step = np.clip(step, -3 * candidate.prior_sd, 3 * candidate.prior_sd)
+    far = WIDE * candidate.prior_sd
+    off = candidate.offsets(np.clip(step, -far, far))
     return {
-        p.name: float(np.clip(p.start + d, p.lower, p.upper)) for p, d in zip(candidate.parameters, step, strict=True)
+        p.name: float(np.clip(p.start + d, p.lower, p.upper)) for p, d in zip(candidate.parameters, off, strict=True)
     }
 
 
@@ -246,17 +256,24 @@ def library_slopes(
     fitted: Fitted, within: float = ALIKE, present: Sequence[Candidate] = ()
 ) -> Float[np.ndarray, "n parameters"]:
     """Whitened slopes of every parameter of the library, about a fit or one that moves alike. Shapes of what is absent
-    have none; present: those whose shapes are asked for.
+    have none, or where they act in proportion to a size theirs at the size that is expected; present: those whose
+    shapes are asked for.
     """
     subject = fitted.subject
     seer, known = Seer(subject, fitted.probes, fitted.fraction), subject.library
     absent = np.zeros(len(known.parameters), bool)
     for c in known.candidates:
         absent[[i for take, size in zip(c.takes, c.sizes, strict=True) if not size for i in take]] = True
+    far = np.ones(absent.size)
+    for c in known.candidates:
+        if c.proportional is not None:
+            shape = list(c.takes[c.proportional[1]])
+            absent[shape], far[shape] = False, 1.0 / FAINT
     for c in present:
-        absent[[i for take in c.takes for i in take]] = False
+        own = [i for take in c.takes for i in take]
+        absent[own], far[own] = False, 1.0
     telling = np.flatnonzero(~absent)
-    directions = np.eye(absent.size)[telling]
+    directions = np.diag(far)[telling]
 
     def one(i: int) -> np.ndarray:
         return seer.white[i](np.nan_to_num(fitted.probes[i].slopes(fitted.values, fitted.own(i), directions)))

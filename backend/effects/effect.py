@@ -50,6 +50,8 @@ class Declaration:
     rests_on: tuple[str, float] | None = None
     """Another parameter that is guessed while nobody gives it, and the share of this one's value that the guess leaves
     open (one standard deviation)."""
+    proportional_to: str | None = None
+    """Another parameter, in proportion to which this one acts: where that is nothing, so is the slope in this one."""
     tries: tuple[float, ...] = ()
     """Values worth trying, in natural sizes, where nothing says which way to go while the effect is absent; the only
     one is where it stands meanwhile."""
