@@ -1,4 +1,4 @@
-"""A spring that nobody drew and that rests beyond all that was filmed: about where it is drawn it would have to push."""
+"""A spring that nobody drew, resting beyond all that was filmed: about its drawn angle it would have to push."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,8 @@ def test_a_spring_that_rests_beyond_every_pose_is_found(drawing):  # noqa: F811
     assert [(e.kind, e.on) for e in best] == [("torsion_spring", ("j1",))]
     for name, true in (("stiffness_n_m_per_rad", STIFF), ("rest_rad", REST)):
         found = best[0].parameters[name]
-        assert found.sd is not None and abs(found.value - true) < 3.0 * found.sd < true
+        assert found.sd is not None
+        assert abs(found.value - true) < 3.0 * found.sd < true
 
 
 def test_steps_along_a_springs_responses_say_where_it_rests():
@@ -30,5 +31,6 @@ def test_steps_along_a_springs_responses_say_where_it_rests():
         told = np.array(off) * expected
         assert spring.offsets(spring.steps(told)) == pytest.approx(told)
     pushing = spring.offsets(np.array([-1.0, 0.5]) * expected)
-    assert pushing[0] > 0.0 and pushing[1] == pytest.approx(3.0 * expected[1])
+    assert pushing[0] > 0.0
+    assert pushing[1] == pytest.approx(3.0 * expected[1])
     assert spring.offsets(np.zeros(2)).tolist() == [0.0, 0.0]
