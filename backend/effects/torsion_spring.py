@@ -16,8 +16,12 @@ class TorsionSpring(AbstractJointEffort):
         "N m/rad", "torque per turn", lower=0.0, joint_types=TURNING, expected=0.05
     )
     rest_rad: Float[Array, ""] = parameter(
-        "rad", "q at which it pulls nowhere", joint_types=TURNING, proportional_to="stiffness_n_m_per_rad",
-        expected=0.5, tries=(0.0,),
+        "rad",
+        "q at which it pulls nowhere",
+        joint_types=TURNING,
+        proportional_to="stiffness_n_m_per_rad",
+        expected=0.5,
+        tries=(0.0,),
     )
 
     def effort(self, q):

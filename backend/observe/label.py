@@ -1,13 +1,14 @@
 """Which dot is which: the drawing names the dots of the first picture.
 
-The markers of the drawn pose are projected into the picture and matched one to one with the dots that were
-found.  Where the drawing as a whole sits elsewhere (bed marks taken from another origin, a rig that was
-turned), it is first moved, turned and scaled onto the dots.  What stays doubtful is refused, not guessed.
+A mechanism that moves in the bed's plane is put together on the dots, in whatever pose it stands (assembly.py).  Any
+other is taken as drawn: its markers are projected into the picture and matched one to one with the dots that were
+found; where the drawing as a whole sits elsewhere (bed marks taken from another origin, a rig that was turned), it is
+first moved, turned and scaled onto the dots.  What stays doubtful is refused, not guessed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,11 @@ from scipy.optimize import linear_sum_assignment
 from backend.observe.tracking_error import TrackingError
 
 Points = Float[np.ndarray, "n 2"]
+Way = tuple[float, tuple[int, ...]]  # a misfit, and each marker's dot
+Assembling = Callable[[Points, Int[np.ndarray, "m"]], list[Way]]
 CLEAR = 0.5  # a dot is a marker's own when it is less than half as far as any other dot
 RIVAL = 2.0  # another arrangement that fits less than twice as badly makes the picture ambiguous
+CLOSE = 0.25  # of the largest misfit that is allowed: two ways that both fit better than this are alike
 SCALES = (0.5, 2.0)
 TRIED = 24
 
@@ -45,10 +49,12 @@ def label_dots(
     dots_px: Points,
     reach_px: float,
     clicks: Mapping[str, Sequence[float]] | None = None,
+    assembling: Assembling | None = None,
 ) -> dict[str, int]:
     """The index of each marker's dot.
 
-    expected_px: where the drawing puts each marker.  reach_px: how far a click may lie from its dot.
+    expected_px: where the drawing puts each marker.  reach_px: how far a click may lie from its dot.  assembling: all
+    ways in which the mechanism can be put together on dots, some of them known, as in assembly.py.
     Raises TrackingError, with counts and names, when dots are too few or the answer is doubtful.
     """
     names, dots = list(expected_px), np.asarray(dots_px, float)
@@ -75,7 +81,16 @@ def label_dots(
     as_drawn, *elsewhere = _placings(expected, dots, held)
     index = _assign(as_drawn, dots, held)
     unclear = _doubtful(as_drawn, dots, index, held)
-    if not unclear:
+    ways = assembling(dots, held) if assembling else []
+    if ways:
+        likely = [dot for misfit, dot in ways if misfit <= RIVAL * ways[0][0] + CLOSE]
+        if len(likely) > 1 and not unclear and tuple(index.tolist()) in likely:
+            likely = [tuple(index.tolist())]
+        if len(likely) == 1:
+            return dict(zip(names, likely[0], strict=True))
+        unclear = [k for k in range(len(names)) if len({dot[k] for dot in likely}) > 1]
+        elsewhere = []
+    elif not unclear:
         return dict(zip(names, index.tolist(), strict=True))
     sound: list[tuple[float, tuple[int, ...]]] = []
     for moved in elsewhere:
@@ -90,7 +105,7 @@ def label_dots(
             return dict(zip(names, sound[0][1], strict=True))
     raise TrackingError(
         f"{len(names)} markers are drawn and {len(dots)} dots are seen, but it is doubtful which dots are "
-        f"{', '.join(names[k] for k in unclear)}. Start the clip at the drawn pose, or click these dots."
+        f"{', '.join(names[k] for k in unclear)}. Click one or more of these dots, or start the clip at the drawn pose."
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from backend.observe.account import summarise, warn_blank, warn_height, warn_lost, warn_marks, warn_spatial, warn_stick
+from backend.observe.assembly import assembling_of
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed, spare_camera
 from backend.observe.camera import CAMERA, warn_stale, write_camera
@@ -20,8 +21,9 @@ from backend.observe.camera_in_clip import shared_error
 from backend.observe.carried import TEXTURE, GivenTargets, Untagged, read_targets
 from backend.observe.cotracker import cotracker, rough_paths
 from backend.observe.drawn_heights import raised_as_drawn
+from backend.observe.flat_mechanism import out_of_plane
 from backend.observe.follow_bed import BedWatch, ShakenView, settle
-from backend.observe.kinematics import kinematics_of, out_of_plane
+from backend.observe.kinematics import kinematics_of
 from backend.observe.label import check_clicked, drawn_positions
 from backend.observe.place import Record, place
 from backend.observe.preview import Preview
@@ -120,9 +122,11 @@ def track_video(
         paths = rough_paths(cotracker(checkpoint), again, begun) if checkpoint else None
         on_pins: Targets = TextureTargets(first, dict(zip(drawn, begun, strict=True)), textured.reach_px, paths)
         warnings.append(FOLLOWED)
+    elif isinstance(tags, dict):
+        on_pins = TagTargets(first, tags)
     else:
-        dots_way = tags.way if isinstance(tags, Untagged) else ""
-        on_pins = TagTargets(first, tags) if isinstance(tags, dict) else DotTargets(first, places, clicks, dots_way)
+        assembling = assembling_of(mechanism, bed.plane, view, heights)
+        on_pins = DotTargets(first, places, clicks, tags.way if tags else "", assembling)
     if on_pins.strangers:
         warnings.append(f"{on_pins.strangers} more dots are seen than are drawn; they were followed apart.")
     slope = np.abs(np.linalg.det(view.slope(expected, heights))).mean() ** 0.5  # metres per pixel

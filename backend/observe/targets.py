@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float, Int
 from backend.observe.carried import DARK, PATCH
 from backend.observe.detect import Detections, Region, detect, learn_whole
 from backend.observe.dots import DotLook, learn_look, learn_patch
-from backend.observe.label import label_dots
+from backend.observe.label import Assembling, label_dots
 from backend.observe.tags import Laid, find_tags, lay, outlines
 from backend.observe.track import Expected, Predictor, Tracker
 from backend.observe.tracking_error import TrackingError
@@ -63,6 +63,7 @@ class DotTargets:
         expected_px: Mapping[str, Float[np.ndarray, "2"]],
         clicks: Mapping[str, Sequence[float]],
         way: str = "",
+        assembling: Assembling | None = None,
     ):
         clicked = np.array([*clicks.values()], float).reshape(-1, 2)
         look = (
@@ -71,7 +72,7 @@ class DotTargets:
             else learn_look(first, len(expected_px), clicked, dark=way == DARK)
         )
         found = detect(first, look)
-        named = list(label_dots(expected_px, found.px, 2 * look.ring_px, clicks).values())
+        named = list(label_dots(expected_px, found.px, 2 * look.ring_px, clicks, assembling).values())
         self.look = learn_whole(look, found, named)
         self.found = detect(first, self.look)
         self.strangers = len(self.found) - len(named)

@@ -6,7 +6,8 @@ import pytest
 from backend.mechanism.read import parse_mechanism
 from backend.observe.account import warn_spatial
 from backend.observe.bed import Plane, read_bed
-from backend.observe.kinematics import SEEN_M, FlatMechanism, kinematics_of, out_of_plane
+from backend.observe.flat_mechanism import FlatMechanism, out_of_plane
+from backend.observe.kinematics import SEEN_M, kinematics_of
 from backend.observe.project import calibrate
 from benchmarks.filming.linkages import fourbar
 

@@ -20,7 +20,7 @@ from backend.observe.camera_in_clip import Shared, shared_error
 from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.exchange.camera import Footage
 from backend.observe.exchange.points import Points
-from backend.observe.kinematics import out_of_plane
+from backend.observe.flat_mechanism import out_of_plane
 from backend.observe.label import drawn_positions
 from backend.observe.place import in_world
 from backend.observe.rows import Rows
