@@ -7,17 +7,19 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from backend.observe.bed import Bed
 from backend.observe.follow_bed import FEWEST
 from backend.observe.place import Record
 from backend.observe.project import AbstractView, mark_residuals_px, parallax_per_height
+from backend.observe.shared_error import LEAN_DEG
 from backend.observe.targets import Targets
 from backend.observe.video import Video
 
-LEAN_DEG = 3.0  # the example lean of a warning: what a hand that holds a phone upright misses
 LOST = 0.1  # of a clip at its end
 RARE = 0.5  # of its pictures
+TOLD_M = 1e-4  # a lens that does less is not spoken of
 UNKNOWN_HEIGHT_M = 0.005  # the example height of a warning: a bar's thickness
 
 
@@ -42,6 +44,17 @@ def warn_height(bed: Bed, view: AbstractView, px: np.ndarray, width_px: int) -> 
         f"The dots are {1e3 * highest:.1f} mm above the bed marks, which needs the camera's height to correct; "
         f"{camera}, so they are placed up to {1e3 * highest * per_height:.1f} mm too far out. "
         "Give lens or camera_height_m."
+    ]
+
+
+def warn_lens(off_m: Float[np.ndarray, "n"]) -> list[str]:
+    """What a lens that nobody calibrated may do to the places, in millimetres."""
+    if not off_m.size or off_m.max() < TOLD_M:
+        return []
+    return [
+        "The lens is unknown and taken as ideal: one that bends as a phone's may places dots "
+        f"{1e3 * np.median(off_m):.1f} mm off, up to {1e3 * off_m.max():.1f} mm. Calibrate it once "
+        "(linktwin calibrate) and name camera.json in the bed file."
     ]
 
 

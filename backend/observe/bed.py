@@ -20,6 +20,7 @@ from backend.observe.camera import CAMERA, Camera, read_camera
 from backend.observe.described import Described, Number
 from backend.observe.lens import Lens
 from backend.observe.plane import Plane
+from backend.observe.tag_names import KIT, Tag, tag_named
 from backend.observe.tracking_error import TrackingError
 
 DRAWN = "drawn"  # heights are the drawing's: see drawn_heights.py
@@ -36,11 +37,22 @@ class BedMark(Described):
 
 
 class BedTag(Described):
-    """One printed tag of the kit: its number, and where its centre is on the bed [m]."""
+    """One printed tag: its number, its family where it is not the kit's, and where its centre is on the bed [m]."""
 
     id: int
+    family: str = KIT
     x_m: Number
     y_m: Number
+
+    @property
+    def tag(self) -> Tag:
+        """As it is looked for."""
+        return Tag(self.family, self.id)
+
+    @model_validator(mode="after")
+    def _is_one(self) -> BedTag:
+        tag_named(f"{self.family}:{self.id}")
+        return self
 
 
 class Stick(Described):
@@ -180,7 +192,7 @@ def _checked(bed: Bed) -> Bed:
         bed = bed.model_copy(update={"marker_height_m": bed.camera.pose.found_heights_m() or None})
     if bed.stick:
         return bed
-    ids = [m.id for m in bed.marks] + [f"tag {t.id}" for t in bed.tags]
+    ids = [m.id for m in bed.marks] + [f"tag {t.tag}" for t in bed.tags]
     if len(ids) < 4:
         raise TrackingError(
             f"{len(ids)} bed marks are given ({', '.join(ids) or 'none'}); four or more fix the bed. "

@@ -13,7 +13,7 @@ from backend.observe.beforehand import before_of
 from backend.observe.bundle import Dots
 from backend.observe.camera import Camera
 from backend.observe.project import AbstractView
-from backend.observe.shared_error import error_of_camera, error_of_marks_m
+from backend.observe.shared_error import error_of_camera, error_of_marks_m, error_of_unknown_lens_m
 from backend.observe.viewpoint import Viewpoint
 from backend.observe.without_board import MISFIT, adjusted, camera_of, mark_sd_px
 
@@ -25,13 +25,14 @@ class Shared(NamedTuple):
     """What all points of a clip have wrong together: its deviation per axis [m].
 
     camera, tolerances: of a calibrated camera, as it stood in the clip; and what stands for it in a study that cannot
-    name it.  notes: what is to be said of it.
+    name it.  notes: what is to be said of it.  unknown_lens_m: how far off points are placed where no lens is known.
     """
 
     sd_m: float
     camera: Camera | None = None
     tolerances: tuple[dict[str, Any], ...] = ()
     notes: tuple[str, ...] = ()
+    unknown_lens_m: Float[np.ndarray, "n"] = np.zeros(0)
 
 
 def shared_error(
@@ -44,7 +45,7 @@ def shared_error(
     size_px: tuple[int, int],
     interval_s: float,
 ) -> Shared:
-    """By the covariance of the camera that was given, else by how well the bed's marks are seen.
+    """By the covariance of the camera that was given, else by the bed's marks and an unknown lens.
 
     bed: its marks have pixels.  px: NaN where a marker was not seen.
     """
@@ -54,7 +55,10 @@ def shared_error(
         return Shared(sd_m, posed, tuple(tolerances), posed.notes[len(given.notes) :])
     seen = np.argwhere(np.isfinite(px[..., 0]))
     some = seen[:: max(1, len(seen) // FEW)]
-    return Shared(error_of_marks_m(bed, view, px[tuple(some.T)], heights_m[some[:, 1]], size_px))
+    at, heights = px[tuple(some.T)], heights_m[some[:, 1]]
+    off = error_of_unknown_lens_m(bed, view, at, heights, size_px)
+    sd_m = np.hypot(error_of_marks_m(bed, view, at, heights, size_px), np.sqrt((off**2).mean() / 2))
+    return Shared(float(sd_m), unknown_lens_m=off)
 
 
 def camera_in_clip(

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from backend.observe.tag_names import ARUCO, KIT
+
 TAG_FAMILY = "AprilTag 36h11"
 TAG_IDS = tuple(range(9))
 TAG_SIDE_M = 0.040  # the black square: 80 px at 0.5 mm per pixel, 10 px per cell
@@ -45,9 +47,10 @@ INKS = (
 )
 
 
-def tag_dictionary() -> cv2.aruco.Dictionary:
-    """The patterns among which a bed tag is looked for."""
-    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36H11)
+def tag_dictionary(family: str = KIT) -> cv2.aruco.Dictionary:
+    """The patterns among which a tag is looked for."""
+    name = family.removeprefix("aruco_") if family in ARUCO else family
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.upper()}"))
 
 
 def board() -> cv2.aruco.CharucoBoard:
@@ -66,9 +69,9 @@ def _black_cells(dictionary: cv2.aruco.Dictionary, tag: int) -> Bool[np.ndarray,
     return cv2.aruco.generateImageMarker(dictionary, tag, side, borderBits=1) == 0
 
 
-def tag_cells(tag: int) -> Bool[np.ndarray, "8 8"]:
-    """Which cells of a bed tag are black, row by row from the top."""
-    return _black_cells(tag_dictionary(), tag)
+def tag_cells(tag: int, family: str = KIT) -> Bool[np.ndarray, "k k"]:
+    """Which cells of a tag are black, row by row from the top; 8 x 8 of the kit's."""
+    return _black_cells(tag_dictionary(family), tag)
 
 
 def board_markers() -> list[tuple[float, float, Bool[np.ndarray, "7 7"]]]:

@@ -12,7 +12,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from backend.observe.account import summarise, warn_blank, warn_height, warn_lost, warn_marks, warn_spatial, warn_stick
+from backend.observe.account import (
+    summarise,
+    warn_blank,
+    warn_height,
+    warn_lens,
+    warn_lost,
+    warn_marks,
+    warn_spatial,
+    warn_stick,
+)  # fmt: skip
 from backend.observe.assembly import assembling_of
 from backend.observe.bars import known_lengths
 from backend.observe.bed import Bed, read_bed, spare_camera
@@ -57,6 +66,12 @@ class TrackResult:
     tracks_path: Path
     summary_path: Path
     preview_path: Path | None
+
+
+UNCARRIED = (
+    "The camera moved, so no camera.json stands beside the tracks: a fit does not carry how well lens and poses are "
+    "known unless the study states the tolerances of tracking.json, or frees camera_scale and camera_rotation."
+)
 
 
 def track_video(
@@ -176,7 +191,10 @@ def track_video(
         summary["tolerances"] = list(shared.tolerances)
         write_camera(shared.camera, out / CAMERA)
     else:
-        summary["warnings"] += warn_stale(out)
+        summary["warnings"] += warn_lens(shared.unknown_lens_m) + warn_stale(out)
+    if shared.camera and shaken:
+        summary["warnings"].append(UNCARRIED)
+        summary["tolerances"] = list(shared.tolerances)
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
     return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from backend.observe.bed import Bed, BedMark, read_bed
-from backend.observe.tags import find_tags
+from backend.observe.tags import find_tags, of_other_family
 from backend.observe.tracking_error import TrackingError
 
 
@@ -31,21 +31,22 @@ def bed_in_picture(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[Bed, list[
 
 def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list[str]]:
     """The tags that are seen, as marks, and the numbers of those that are not."""
-    seen = {i: laid.centre_px.tolist() for i, laid in find_tags(luma).items()}
+    families = {t.family for t in bed.tags}
+    seen = {tag: laid.centre_px.tolist() for tag, laid in find_tags(luma, families).items()}
     marks = [
-        BedMark(id=f"tag {t.id}", x_m=t.x_m, y_m=t.y_m, x_px=seen[t.id][0], y_px=seen[t.id][1])
+        BedMark(id=f"tag {t.tag}", x_m=t.x_m, y_m=t.y_m, x_px=seen[t.tag][0], y_px=seen[t.tag][1])
         for t in bed.tags
-        if t.id in seen
+        if t.tag in seen
     ]
-    missing = [str(t.id) for t in bed.tags if t.id not in seen]
+    missing = [str(t.tag) for t in bed.tags if t.tag not in seen]
     if len(bed.marks) + len(marks) < 4:
-        others = sorted(set(seen) - {t.id for t in bed.tags})
+        others = sorted(set(seen) - {t.tag for t in bed.tags})
         unlisted = (
             f" Tags {', '.join(map(str, others))} are seen and not listed in the bed file: is it another bed's?"
             if others
             else ""
         )
-        mirrored = find_tags(np.ascontiguousarray(luma[:, ::-1]))
+        mirrored = find_tags(np.ascontiguousarray(luma[:, ::-1]), families)
         if len(mirrored) > len(seen):
             raise TrackingError(
                 "The picture is mirrored, as by a camera that faces the person: the bed tags are read in its mirror "
@@ -55,5 +56,6 @@ def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list
             f"{len(marks)} of the {len(bed.tags)} bed tags are found in the first picture (missing: "
             f"{', '.join(missing)}); four marks or tags fix the bed.{unlisted} Keep the tags' white margins, "
             "sharp and free of reflections, at least 25 pixels wide, uncovered when the clip starts."
+            + of_other_family(luma, [t.tag for t in bed.tags])
         )
     return marks, missing

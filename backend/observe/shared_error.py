@@ -9,13 +9,17 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.observe.bed import Bed
+from backend.observe.beforehand import BEND_SD
 from backend.observe.camera import Camera
+from backend.observe.lens import Lens, straighten
 from backend.observe.placing import placing_sd_m, placing_slopes
-from backend.observe.project import AbstractView, calibrate
+from backend.observe.project import PHONE_FOCAL, AbstractView, calibrate
 from backend.observe.viewpoint import Viewpoint
 
 MARK_SD_PX, TAG_SD_PX = 0.5, 0.04  # a mark clicked by hand; a tag's centre, where neighbours may err alike
 CLOCK_SD = 5e-5  # of a camera's clock: the usual tolerance of a quartz
+LEAN_DEG = 3.0  # what a hand that holds a phone upright misses
+LEAST = 4  # marks, of which a view without a lens is made
 FEW = 400  # places by which the error of all is judged
 
 
@@ -34,6 +38,37 @@ def error_of_marks_m(
     for other in _missed(bed):
         total += float(((calibrate(other, *size_px).metres(px, height_m) - nominal) ** 2).sum(1).mean() / 2)
     return float(np.sqrt(total))
+
+
+def error_of_unknown_lens_m(
+    bed: Bed,
+    view: AbstractView,
+    px: Float[np.ndarray, "n 2"],
+    height_m: Float[np.ndarray, "n"],
+    size_px: tuple[int, int],
+) -> Float[np.ndarray, "n"]:
+    """How far off [m] points seen at `px` are placed where no lens is known and it bends as much as one of a phone may
+    (k1 by its deviation), and where only the camera's height is, and it leans by LEAN_DEG; 0 where a lens is known.
+    """
+    off = np.zeros(len(px))
+    if bed.lens is None and len(bed.marks) >= LEAST:
+        middle, focal_px = (np.array(size_px) - 1) / 2, PHONE_FOCAL * max(size_px)
+        if bed.camera_height_m:
+            focal_px = bed.camera_height_m / np.sqrt(np.abs(np.linalg.det(view.slope(middle[None], np.zeros(1))[0])))
+        lens = Lens(focal_px=float(focal_px), k1=BEND_SD["k1"])
+
+        def straight(at: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+            return middle + lens.focal() * straighten(at, lens, middle)
+
+        moved = [
+            mark.model_copy(update={"x_px": float(x), "y_px": float(y)})
+            for mark, (x, y) in zip(bed.marks, straight(bed.pixels()), strict=True)
+        ]
+        other = calibrate(bed.model_copy(update={"marks": tuple(moved)}), *size_px)
+        off = np.hypot(*(other.metres(straight(px), height_m) - view.metres(px, height_m)).T)
+        if bed.camera_height_m:
+            off = np.hypot(off, np.abs(height_m) * np.sin(np.deg2rad(LEAN_DEG)))
+    return off
 
 
 def _missed(bed: Bed) -> Iterator[Bed]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -10,6 +11,7 @@ from jaxtyping import Float, UInt8
 
 from backend.observe.kit import tag_cells, tag_dictionary
 from backend.observe.project import apply
+from backend.observe.tag_names import FAMILIES, KIT, Tag
 from backend.observe.tracking_error import TrackingError
 
 MARGIN = 1  # cells of white round the tag that belong to what is laid over the picture
@@ -26,12 +28,12 @@ class Laid(NamedTuple):
     alike: float
 
 
-def find_tags(luma: UInt8[np.ndarray, "h w"]) -> dict[int, Laid]:
-    """Every tag of the kit's family, by id.
+def find_tags(luma: UInt8[np.ndarray, "h w"], families: Iterable[str] = (KIT,)) -> dict[Tag, Laid]:
+    """Every tag of some families.
 
-    Raises TrackingError where an id is seen twice: two prints of one tag cannot be told apart.
+    Raises TrackingError where one is seen twice: two prints of one tag cannot be told apart.
     """
-    seen = outlines(luma)
+    seen = [found for family in dict.fromkeys(families) for found in outlines(luma, family)]
     if twice := sorted({i for i, _ in seen if [j for j, _ in seen].count(i) > 1}):
         raise TrackingError(
             f"Bed tag {', '.join(map(str, twice))} is seen twice in the picture; cover or remove one of the two."
@@ -39,10 +41,24 @@ def find_tags(luma: UInt8[np.ndarray, "h w"]) -> dict[int, Laid]:
     return {i: lay(luma, i, corners) for i, corners in seen}
 
 
+def of_other_family(luma: UInt8[np.ndarray, "h w"], tags: Sequence[Tag]) -> str:
+    """A sentence where most of these numbers are seen in another family's patterns; "" where they are not."""
+    numbers, asked = {t.number for t in tags}, {t.family for t in tags}
+    for family in FAMILIES:
+        seen = {tag.number for tag, _ in outlines(luma, family)} if family not in asked else set()
+        if 2 * len(seen & numbers) > len(numbers):
+            told = ", ".join(map(str, sorted(seen & numbers)))
+            return f' Tags {told} of {family} are seen: name them "{family}:{min(seen & numbers)}".'
+    return ""
+
+
 def outlines(
-    luma: UInt8[np.ndarray, "h w"], about_px: Float[np.ndarray, "2"] | None = None, reach_px: float = 0.0
-) -> list[tuple[int, Float[np.ndarray, "4 2"]]]:
-    """Number and corners [px] of every tag that is seen, in all of the picture or in a square about a point."""
+    luma: UInt8[np.ndarray, "h w"],
+    family: str = KIT,
+    about_px: Float[np.ndarray, "2"] | None = None,
+    reach_px: float = 0.0,
+) -> list[tuple[Tag, Float[np.ndarray, "4 2"]]]:
+    """Name and corners [px] of every tag of a family that is seen, in the whole picture or a square about a point."""
     low = np.zeros(2, int)
     if about_px is not None:
         high = np.ceil(about_px + reach_px).astype(int) + 1
@@ -50,8 +66,8 @@ def outlines(
         luma = np.ascontiguousarray(luma[low[1] : max(high[1], 0), low[0] : max(high[0], 0)])
         if min(luma.shape) < LEAST_PX:
             return []
-    corners, ids, _ = cv2.aruco.ArucoDetector(tag_dictionary(), _parameters()).detectMarkers(luma)
-    seen = [] if ids is None else [int(i) for i in np.ravel(ids)]
+    corners, ids, _ = cv2.aruco.ArucoDetector(tag_dictionary(family), _parameters()).detectMarkers(luma)
+    seen = [] if ids is None else [Tag(family, int(i)) for i in np.ravel(ids)]
     return [(i, np.asarray(c, float).reshape(4, 2) + low) for i, c in zip(seen, corners, strict=True)]
 
 
@@ -61,7 +77,7 @@ def _parameters() -> cv2.aruco.DetectorParameters:
     return found
 
 
-def lay(luma: UInt8[np.ndarray, "h w"], tag: int, corners_px: Float[np.ndarray, "4 2"], within: float = 1 / 16) -> Laid:
+def lay(luma: UInt8[np.ndarray, "h w"], tag: Tag, corners_px: Float[np.ndarray, "4 2"], within: float = 1 / 16) -> Laid:
     """The printed pattern, laid over the picture where they correlate best, near the given corners.
 
     within: of its side, how far the centre may move; where it moves farther it is left, and called not alike.
@@ -70,7 +86,7 @@ def lay(luma: UInt8[np.ndarray, "h w"], tag: int, corners_px: Float[np.ndarray, 
     pattern moves under a homography (Evangelidis and Psarakis 2008), whatever the light's level and contrast.
     """
     side = float(np.hypot(*(np.roll(corners_px, -1, 0) - corners_px).T).mean())
-    cells = np.pad(tag_cells(tag), MARGIN)
+    cells = np.pad(tag_cells(tag.number, tag.family), MARGIN)
     scale = max(3, round(side / (len(cells) - 2 * MARGIN)))  # the picture's own resolution
     pattern = np.where(np.kron(cells, np.ones((scale, scale))), 30, 200).astype(np.float32)
     edge, length = MARGIN * scale - 0.5, len(pattern) - 2 * MARGIN * scale

@@ -12,7 +12,8 @@ from backend.observe.carried import DARK, PATCH
 from backend.observe.detect import Detections, Region, detect, learn_whole
 from backend.observe.dots import DotLook, learn_look, learn_patch
 from backend.observe.label import Assembling, label_dots
-from backend.observe.tags import Laid, find_tags, lay, outlines
+from backend.observe.tag_names import Tag
+from backend.observe.tags import Laid, find_tags, lay, of_other_family, outlines
 from backend.observe.track import Expected, Predictor, Tracker
 from backend.observe.tracking_error import TrackingError
 from backend.observe.video import Frame
@@ -92,7 +93,7 @@ class DotTargets:
 
 
 class TagTargets:
-    """Tags of the bed's family, each on a marker of its own: sought where the mechanism's motion puts them.
+    """Tags, each on a marker of its own: sought where the mechanism's motion puts them.
 
     A tag that names itself there is read.  One that is too blurred to be read is known by its pattern, laid over the
     picture where it must be; where the pattern lies there in another shape than before, something covers a part of it.
@@ -100,13 +101,13 @@ class TagTargets:
 
     look, strangers = None, 0
 
-    def __init__(self, first: Frame, tags: Mapping[str, int]):
+    def __init__(self, first: Frame, tags: Mapping[str, Tag]):
         self.ids = list(tags.values())
-        seen = find_tags(first.luma)
+        seen = find_tags(first.luma, (tag.family for tag in self.ids))
         if missing := [f"{m} (tag {t})" for m, t in tags.items() if t not in seen]:
             raise TrackingError(
                 f"Not found in the first picture: {', '.join(missing)}. Start the clip with every tag in view, sharp, "
-                "at least 25 pixels wide with its white margin."
+                "at least 25 pixels wide with its white margin." + of_other_family(first.luma, self.ids)
             )
         self.last = [seen[t] for t in self.ids]
         self.time_s, self.turn_per_s = np.full(len(self.ids), first.time_s), np.zeros(len(self.ids))
@@ -136,7 +137,7 @@ class TagTargets:
         """A tag within reach of where it is expected, and whether nothing covers it; None where it is not seen."""
         tag, shape = self.ids[k], self.last[k].corners_px - self.last[k].centre_px
         side = _side(shape)
-        own = [c for i, c in outlines(frame.luma, at, reach_px + ROUND * side) if i == tag]
+        own = [c for i, c in outlines(frame.luma, tag.family, at, reach_px + ROUND * side) if i == tag]
         # Leaning the other way after a while, it has another shape.
         stiff = STIFF * side * max(1.0, (frame.time_s - self.time_s[k]) / LEANS_S)
         if own:

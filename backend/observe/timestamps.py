@@ -13,6 +13,7 @@ from jaxtyping import Float
 from backend.observe.tracking_error import TrackingError
 
 STEADY_FRAMES = 9  # a change of pace that lasts this long is no dropped frame
+UNEVEN = 1.4  # a pace that changes by so much is told
 RAMP_FACTOR = 2.5  # a phone in the dark halves its rate; slow motion is stretched 4 to 8 times
 FINE_S = 1e-4  # ticks shorter than this move a dot at 1 m/s by less than 0.03 mm
 WITHIN_TICKS = 1.25  # stamps of an even pace, rounded, scatter by one tick; a quarter for a pace that is fitted
@@ -76,12 +77,13 @@ def within_ticks(
     ]
 
 
-def check_times(times_s: Float[np.ndarray, "frame"], name: str) -> None:
-    """Refuse a clock that stands still, runs backwards, has a hole, or changes its pace for good.
+def check_times(times_s: Float[np.ndarray, "frame"], name: str) -> list[str]:
+    """What to say of a clock whose pace changes; one that stands still, runs backwards, has a hole, or changes its pace
+    as no camera does is refused.
 
     times_s: presentation times in display order [s].  Raises TrackingError with the frame and the remedy.
     """
-    step = np.diff(times_s)
+    step, told = np.diff(times_s), list[str]()
     if len(step) == 0:
         raise TrackingError(f"{name} holds one frame; motion needs at least two. Is it a picture, not a clip?")
     if (k := int(np.argmin(step))) is not None and step[k] <= 0:
@@ -92,12 +94,19 @@ def check_times(times_s: Float[np.ndarray, "frame"], name: str) -> None:
     if len(step) >= 2 * STEADY_FRAMES:
         windows = np.lib.stride_tricks.sliding_window_view(step, STEADY_FRAMES)
         pace = np.median(windows, axis=1)
+        slow, fast = int(np.argmax(pace)), int(np.argmin(pace))
+        change = (
+            f"{name}: frames are {1e3 * pace[fast]:.2f} ms apart near frame {fast} and {1e3 * pace[slow]:.2f} ms near "
+            f"frame {slow}: "
+        )
         if pace.max() > RAMP_FACTOR * pace.min():
-            slow, fast = int(np.argmax(pace)), int(np.argmin(pace))
             raise TrackingError(
-                f"{name}: frames are {1e3 * pace[fast]:.2f} ms apart near frame {fast} and "
-                f"{1e3 * pace[slow]:.2f} ms near frame {slow}: a slow-motion ramp is baked into this clip, "
-                f"and its times are not the times of the motion. {ORIGINAL}"
+                f"{change}a slow-motion ramp is baked into this clip, and its times are not the times of the motion. "
+                f"{ORIGINAL}"
+            )
+        if pace.max() > UNEVEN * pace.min():
+            told.append(
+                f"{change}taken for a camera that slows in poor light. If an editor did it, times are wrong. {ORIGINAL}"
             )
     k, usual = int(np.argmax(step)), float(np.median(step))
     if step[k] > GAP_FRAMES * usual:
@@ -105,3 +114,4 @@ def check_times(times_s: Float[np.ndarray, "frame"], name: str) -> None:
             f"{name}: the clock jumps by {1e3 * step[k]:.1f} ms after frame {k} "
             f"(frames are usually {1e3 * usual:.2f} ms apart). {ORIGINAL}"
         )
+    return told

@@ -197,7 +197,7 @@ class Video:
                 f"{self.name} lasts {shown_s[-1]:.2f} s; {len(kept)} of its frames lie between {part.from_s:.2f} s and "
                 f"{end}. Give a part of it, in seconds as a player shows them."
             )
-        check_times(index.times_s[kept], self.name)
+        uneven = check_times(index.times_s[kept], self.name)
         self._stamps_s = index.times_s
         self._seen_s, of_ticks = within_ticks(index.times_s, index.tick_s, self.name)
         times_s = self._seen_s[kept]
@@ -205,7 +205,7 @@ class Video:
         self.keep_truncated, self.promised = keep_truncated, index.promised
         self._before, self.begins_s = int(kept[0]), float(shown_s[kept[0]])
         self._pace, of_pace = played_slower(times_s, index.captured_per_s, self.name, part.filmed_per_s)
-        self._told = of_ticks + of_pace + _oblong(index.pixel_shape, self.name)
+        self._told = uneven + of_ticks + of_pace + _oblong(index.pixel_shape, self.name)
         self.warnings += self._told
         self.slower = 1 / self._pace
         self.times_s = self._pace * times_s

@@ -42,7 +42,7 @@ def tag_row(away_mm):
         found = find_tags(photograph(R, at, name="tags", about_mm=MIDDLE, seed=seed, noise=2.5))
         page = np.c_[np.array(list(tag_centres_mm().values())) - MIDDLE, np.zeros(9)]
         true = cv2.projectPoints(page, cv2.Rodrigues(R)[0], np.array(at), K, BENDS)[0].reshape(-1, 2)
-        off += [np.hypot(*(laid.centre_px - true[tag])) for tag, laid in found.items()]
+        off += [np.hypot(*(laid.centre_px - true[tag.number])) for tag, laid in found.items()]
     print(f"| {40e-3 * 1e3 / away_mm * K[0, 0]:.0f} | {np.sqrt(np.mean(np.square(off))):.3f} / {max(off):.3f} |")
 
 

@@ -5,10 +5,10 @@ import pytest
 
 from backend.blind.camera import Bed as FilmedBed
 from backend.blind.camera import Camera
-from backend.observe.account import warn_height, warn_marks
+from backend.observe.account import warn_height, warn_lens, warn_marks
 from backend.observe.bed import Plane, read_bed
 from backend.observe.project import calibrate, mark_residuals_px
-from backend.observe.shared_error import error_of_marks_m
+from backend.observe.shared_error import error_of_marks_m, error_of_unknown_lens_m
 from backend.observe.tracking_error import TrackingError
 
 SPOTS = [(-0.25, -0.13), (0.25, -0.13), (0.25, 0.13), (-0.25, 0.13), (0.0, 0.14), (0.02, -0.12)]
@@ -138,6 +138,21 @@ def test_the_warning_of_unknown_height_is_the_error_that_height_makes():
     px = camera.project(np.c_[POINTS, np.full(40, 0.005)])
     worst = np.hypot(*(view.metres(px, np.zeros(40)) - POINTS).T).max()
     assert f"up to {1e3 * worst:.1f} mm" in warn_height(bed, view, px, 1280)[0]
+
+
+@pytest.mark.parametrize("k1", [-0.1, 0.1])
+def test_the_warning_of_an_unknown_lens_is_the_error_that_a_bent_one_makes(k1):
+    """The filmed camera bends as much as is feared; how high it stands is known, so that its focal length is."""
+    camera = Camera(k1=k1)
+    bed = read_bed({"marks": marks(camera), "camera_height_m": camera.height_m, "marker_height_m": 0.0})
+    view, level = calibrate(bed, 1280, 720), np.zeros(40)
+    px = camera.project(np.c_[POINTS, level])
+    told = error_of_unknown_lens_m(bed, view, px, level, (1280, 720))
+    true = np.hypot(*(view.metres(px, level) - POINTS).T)
+    assert told.max() == pytest.approx(true.max(), rel=0.3)
+    assert f"up to {1e3 * told.max():.1f} mm" in warn_lens(told)[0]
+    known = read_bed({"marks": marks(camera), "lens": {"focal_px": camera.focal_px, "k1": k1}})
+    assert warn_lens(error_of_unknown_lens_m(known, calibrate(known, 1280, 720), px, level, (1280, 720))) == []
 
 
 def test_the_calibrations_error_is_what_misplaced_marks_do():

@@ -62,7 +62,7 @@ def test_nothing_is_printed_where_printers_cannot(paper):
 @PAPERS
 def test_every_tag_is_found_where_it_was_printed(paper):
     page = grey(paper, "tags")
-    found, expected = find_tags(page), tag_places(paper)
+    found, expected = {tag.number: laid for tag, laid in find_tags(page).items()}, tag_places(paper)
     assert sorted(found) == sorted(expected) == sorted(kit.TAG_IDS)
     at = millimetres([found[tag].centre_px for tag in expected])
     np.testing.assert_allclose(at, list(expected.values()), atol=0.1)  # mm; one pixel is 0.1

@@ -8,6 +8,7 @@ import pytest
 
 from backend.observe.carried import Untagged, read_targets
 from backend.observe.measure import track_video
+from backend.observe.tag_names import KIT, Tag
 from backend.observe.tracking_error import TrackingError
 from benchmarks.filming.clips import Clip, bed
 from benchmarks.filming.scene import Scene
@@ -71,11 +72,18 @@ def test_targets_that_disagree_with_the_drawing_are_refused(tmp_path):
         read_targets({"tip": 20}, ["tip", "knee"])
     with pytest.raises(TrackingError, match="same tag"):
         read_targets({"tip": 20, "knee": 20}, ["tip", "knee"])
-    with pytest.raises(TrackingError, match=r"1\.5 \(tip\), 600 \(knee\) is no tag: AprilTag 36h11.*0 to 586"):
-        read_targets({"tip": 1.5, "knee": 600}, ["tip", "knee"])
+    with pytest.raises(TrackingError, match=r"600 is no tag: apriltag_36h11 has numbers from 0 to 586"):
+        read_targets({"tip": 20, "knee": 600}, ["tip", "knee"])
+    with pytest.raises(TrackingError, match=r"1\.5 is no tag"):
+        read_targets({"tip": 1.5, "knee": 20}, ["tip", "knee"])
+    with pytest.raises(TrackingError, match=r"'aruco_9x9:1' is of no family that is read: apriltag_36h11, "):
+        read_targets({"tip": "aruco_9x9:1", "knee": 20}, ["tip", "knee"])
     file = tmp_path / "targets.json"
     file.write_text(json.dumps({"knee": 21, "tip": 20}))
-    assert read_targets(file, ["tip", "knee"]) == {"tip": 20, "knee": 21}
+    assert read_targets(file, ["tip", "knee"]) == {"tip": Tag(KIT, 20), "knee": Tag(KIT, 21)}
+    assert read_targets({"tip": "ArUco_4x4_50:3", "knee": "4"}, ["tip", "knee"]) == {
+        "tip": Tag("aruco_4x4_50", 3), "knee": Tag(KIT, 4)
+    }  # fmt: skip
 
 
 def test_what_carries_no_tag_says_how_it_is_followed():

@@ -67,7 +67,7 @@ def true_px(page_mm):
 
 
 def test_tag_centres_are_found_to_a_twentieth_of_a_pixel(luma):
-    found, printed = find_tags(luma), tag_centres_mm()
+    found, printed = {tag.number: laid for tag, laid in find_tags(luma).items()}, tag_centres_mm()
     assert sorted(found) == sorted(printed)
     off = np.array([found[i].centre_px for i in printed]) - true_px(list(printed.values()))
     assert np.hypot(*off.T).max() < 0.05  # px; 0.02 is usual, outlines alone are 0.2 off

@@ -25,7 +25,7 @@ def marked_before(
     points = dict(given["points"])
     made: dict[str, Any] = {**given, "points": points, "keep": request.get("keep_truncated", False)}
     by_marker = isinstance(bed.get("marker_height_m"), dict | str)  # more than the view asks for
-    if bed.keys() - OWN or by_marker:
+    if bed.keys() - OWN or by_marker or any("family" in tag for tag in bed.get("tags") or ()):
         made["bed_file"] = {key: value for key, value in bed.items() if key != "camera"}
     if marks := bed.get("marks"):
         points["marks"] = [{**_places(mark), "x_px": mark["x_px"], "y_px": mark["y_px"]} for mark in marks]
@@ -40,8 +40,8 @@ def marked_before(
     points["dots"] = [{**_at(dot, clicks.get(dot["id"])), "tag": carried.get(dot["id"])} for dot in points["dots"]]
     if carried:
         made["way"] = "tag"
-    elif targets:
-        made["way"], _, reach = next(iter(targets.values())).partition(":")
+    elif targets and (untagged := next(iter(targets.values())).partition(":"))[0] in UNTAGGED:
+        made["way"], _, reach = untagged
         made |= {"reach": reach} if reach else {}
     plane = bed.get("plane") or {}
     axes = [list(plane.get(axis, ())) for axis in ("x_axis", "y_axis")]
