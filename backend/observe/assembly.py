@@ -143,14 +143,13 @@ class _Builder:
                 yield self._laid(body, flat.pin_at[[k]], self._place(state, body, k)[None], turn)
                 return
             across = self._across(turn, stiff[0])
-            for m in own:
+            for m in own[:1].tolist():
                 level = self._laid(body, flat.pin_at[[stiff[0]]], self._place(state, body, stiff[0])[None], turn)
                 rest = self._moved(level, body, flat.marker_at[[m]])[0]
                 for dot in self._dots(m):
                     off = dot - rest
                     if abs(off @ across) < self.tolerance_m:
                         yield level + np.r_[off - (off @ across) * across, 0.0]
-                return
             return
         if self._tells(flat.pin_at[pins]):
             yield self._laid(body, flat.pin_at[pins], places)
@@ -218,7 +217,7 @@ class _Builder:
         own = np.flatnonzero(self.flat.marker_body == body)
         expected = self._moved(state.poses[body] if body >= 0 else np.zeros(3), body, self.flat.marker_at[own])
         ways = [(state.dot, state.misfit)]
-        for m, place in zip(own, expected, strict=True):
+        for m, place in zip(own.tolist(), expected, strict=True):
             if state.dot[m] >= 0:
                 continue
             allowed = self._allowed(m)

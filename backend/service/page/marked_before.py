@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from backend.observe.carried import UNTAGGED
+
 OWN = {
     "plane",
     "marks",
