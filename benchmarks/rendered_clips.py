@@ -58,10 +58,11 @@ def tracked(clip: Clip, folder: Path, coast_s: float = 0.0, **known: Any) -> pd.
     tagged = clip.scene.target == "tag"
     targets = {m: FIRST_TARGET_TAG + k for k, m in enumerate(clip.filmed.markers)} if tagged else None
     given = {key: value for key, value in (bed(clip) | known).items() if value is not None}
+    path = clip.made(folder)
     with tempfile.TemporaryDirectory() as out:
         begun = time.process_time()
         result = track_video(
-            clip.made(folder), clip.filmed.mechanism, given,
+            path, clip.filmed.mechanism, given,
             out_dir=out, targets=targets, coast_s=coast_s, preview=False,
         )  # fmt: skip
     result.tracks.attrs["shared_m"] = result.summary["calibration_sd_m"]
