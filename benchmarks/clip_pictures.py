@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from benchmarks.filming.clips import CLIPS, FOLDER, Clip
-from benchmarks.rendered_clips import score, with_kit
+from benchmarks.rendered_clips import plain_dots, score, with_kit
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "video_frames.jpg"
 CELL, TITLE_PX, COLUMNS, QUALITY = (540, 270), 22, 2, 74
@@ -30,9 +30,12 @@ COLOURS = {"observed": (40, 150, 40), "outlier": (0, 110, 255), "predicted": (21
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
-def annotated(clip: Clip) -> np.ndarray:
+def annotated(clip: Clip, *, bare: bool = False) -> np.ndarray:
     """A piece of one frame with what was found in it, under a title."""
     number, middle, wide = SHOWN[clip.name]
+    name = "bare dots" if bare else clip.name
+    tracks = plain_dots(clip, FOLDER) if bare else with_kit(clip, FOLDER, coast_s=10.0)
+    clip = clip.plain() if bare else clip
     high = wide * CELL[1] // CELL[0]
     with av.open(str(clip.made())) as container:
         frame = next(p for k, p in enumerate(container.decode(video=0)) if k == number).to_ndarray(format="bgr24")
@@ -40,7 +43,6 @@ def annotated(clip: Clip) -> np.ndarray:
     x, y = corner
     picture = cv2.resize(frame[y : y + high, x : x + wide], CELL, interpolation=cv2.INTER_AREA)
     scale = CELL[0] / wide
-    tracks = with_kit(clip, FOLDER, coast_s=10.0)
     shown = tracks[(tracks.frame == number) & tracks.status.isin(list(COLOURS))]
     places = ((shown[["x_px", "y_px"]].to_numpy() - corner + 0.5) * scale - 0.5).round().astype(int)
     for at, status in zip(places.tolist(), shown.status, strict=True):
@@ -54,7 +56,7 @@ def annotated(clip: Clip) -> np.ndarray:
         _name(picture, str(name), at, below, COLOURS[status])
     title = np.full((TITLE_PX, CELL[0], 3), 255, np.uint8)
     s = score(clip, tracks)
-    cv2.putText(title, clip.name, (4, 16), FONT, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+    cv2.putText(title, name, (4, 16), FONT, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
     errors = f"median {s['median']:.3f} mm, 95% {s['p95']:.3f} mm, {s['swaps']} swaps"
     cv2.putText(title, errors, (CELL[0] - 292, 16), FONT, 0.42, (60, 60, 60), 1, cv2.LINE_AA)
     return np.concatenate([title, picture])
@@ -68,9 +70,27 @@ def _name(picture: np.ndarray, name: str, at: np.ndarray, below: bool, colour: t
     cv2.putText(picture, name, (x, y), FONT, 0.36, colour, 1, cv2.LINE_AA)
 
 
+def _legend() -> np.ndarray:
+    """What the colours say."""
+    cell = np.full((CELL[1] + TITLE_PX, CELL[0], 3), 255, np.uint8)
+    said = {
+        "observed": "observed: seen whole, placed to sigma_m",
+        "outlier": "outlier: partly covered or odd, placed roughly",
+        "predicted": "predicted (--coast): hidden, from pins and bars",
+    }
+    for k, (status, words) in enumerate(said.items()):
+        at = (150, 110 + 40 * k)
+        if status == "predicted":
+            cv2.drawMarker(cell, at, COLOURS[status], cv2.MARKER_CROSS, 11, 2, cv2.LINE_AA)
+        else:
+            cv2.circle(cell, at, 11, COLOURS[status], 2, cv2.LINE_AA)
+        cv2.putText(cell, words, (at[0] + 24, at[1] + 5), FONT, 0.42, COLOURS[status], 1, cv2.LINE_AA)
+    return cell
+
+
 def main() -> None:
-    """Every clip in one picture."""
-    cells = [annotated(clip) for clip in CLIPS]
+    """Every clip in one picture, the first one's dots without rings too."""
+    cells = [*(annotated(clip) for clip in CLIPS), annotated(CLIPS[0], bare=True), _legend()]
     rows = [np.concatenate(cells[k : k + COLUMNS], axis=1) for k in range(0, len(cells), COLUMNS)]
     PICTURE.parent.mkdir(exist_ok=True)
     cv2.imwrite(str(PICTURE), np.concatenate(rows), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])

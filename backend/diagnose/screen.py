@@ -48,10 +48,12 @@ class Screen:
 
     def done_by(self, candidate: Candidate, offsets: Float[np.ndarray, " own"]) -> Float[np.ndarray, " n"]:
         """What numbers of the candidate that lie so far off their starts do, to first order."""
-        return self.signature(candidate) @ (offsets if self._present(candidate) else candidate.steps(offsets))
+        return self.signature(candidate) @ self._steps(candidate, offsets)
 
-    def _present(self, candidate: Candidate) -> bool:
-        return candidate in self.fitted.choice.candidates
+    def _steps(self, candidate: Candidate, offsets: Float[np.ndarray, " own"]) -> Float[np.ndarray, " own"]:
+        """Along its responses; what is there has its shape in those to its sizes."""
+        there = candidate in self.fitted.choice.candidates
+        return np.where(candidate.sizes, offsets, 0.0) if there else candidate.steps(offsets)
 
     def gain(self, candidate: Candidate) -> float:
         """b' (S' P⊥ S + Λ)⁻¹ b, and what a tolerance that it sets free pays: twice the log likelihood that it would
@@ -94,7 +96,7 @@ class Screen:
         """Values by which the candidate does to first order what another did, by name; None where it cannot."""
         S = self.signature(candidate)
         step = np.linalg.lstsq(S, done, rcond=1e-12)[0]
-        off = step if self._present(candidate) else candidate.offsets(step)
+        off = candidate.offsets(step)
         if np.sum((done - self.done_by(candidate, off)) ** 2) >= DIFFERENT * (done @ done):
             return None
         return {p.name: float(p.start + d) for p, d in zip(candidate.parameters, off, strict=True)}
@@ -104,7 +106,7 @@ class Screen:
         there = np.zeros(self.S.shape[1])
         for c in members:
             off = np.array([values.get(p.name, p.start) - p.start for p in c.parameters])
-            for take, step in zip(c.takes, off if self._present(c) else c.steps(off), strict=True):
+            for take, step in zip(c.takes, self._steps(c, off), strict=True):
                 there[list(take)] += step
         return self.own - self.taken @ there
 

@@ -216,8 +216,9 @@ def _detectable(subject: Subject, about: Screen, scale: float) -> list[Detectabl
     found = []
     for c in subject.library.candidates:
         if len(c.on) == 1:
-            for p, sd, least in zip(c.parameters, c.prior_sd, scale * about.detectable(c), strict=True):
-                if least < 1e3 * sd:
+            numbers = zip(c.parameters, c.sizes, c.prior_sd, scale * about.detectable(c), strict=True)
+            for p, is_size, sd, least in numbers:
+                if is_size and least < 1e3 * sd:
                     found.append(
                         Detectable(
                             kind=c.kind, on=tuple(c.on), parameter=p.parameter, minimum=float(least), unit=p.unit
