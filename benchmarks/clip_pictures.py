@@ -33,7 +33,7 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 def annotated(clip: Clip, *, bare: bool = False) -> np.ndarray:
     """A piece of one frame with what was found in it, under a title."""
     number, middle, wide = SHOWN[clip.name]
-    name = "bare dots" if bare else clip.name
+    called = "bare dots" if bare else clip.name
     tracks = plain_dots(clip, FOLDER) if bare else with_kit(clip, FOLDER, coast_s=10.0)
     clip = clip.plain() if bare else clip
     high = wide * CELL[1] // CELL[0]
@@ -56,7 +56,7 @@ def annotated(clip: Clip, *, bare: bool = False) -> np.ndarray:
         _name(picture, str(name), at, below, COLOURS[status])
     title = np.full((TITLE_PX, CELL[0], 3), 255, np.uint8)
     s = score(clip, tracks)
-    cv2.putText(title, name, (4, 16), FONT, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+    cv2.putText(title, called, (4, 16), FONT, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
     errors = f"median {s['median']:.3f} mm, 95% {s['p95']:.3f} mm, {s['swaps']} swaps"
     cv2.putText(title, errors, (CELL[0] - 292, 16), FONT, 0.42, (60, 60, 60), 1, cv2.LINE_AA)
     return np.concatenate([title, picture])
