@@ -81,10 +81,10 @@ def label_dots(
     as_drawn, *elsewhere = _placings(expected, dots, held)
     index = _assign(as_drawn, dots, held)
     unclear = _doubtful(as_drawn, dots, index, held)
-    ways = assembling(dots, held) if assembling else []
-    if ways:
-        likely = [dot for misfit, dot in ways if misfit <= RIVAL * ways[0][0] + CLOSE]
-        if len(likely) > 1 and not unclear and tuple(index.tolist()) in likely:
+    if assembling and (ways := assembling(dots, held)):
+        worst = RIVAL * ways[0][0] + CLOSE
+        likely = [dot for misfit, dot in ways if misfit <= worst]
+        if len(likely) > 1 and not unclear and any(misfit <= worst for misfit, _ in assembling(dots, index)):
             likely = [tuple(index.tolist())]
         if len(likely) == 1:
             return dict(zip(names, likely[0], strict=True))
