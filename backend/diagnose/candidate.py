@@ -120,7 +120,11 @@ class Candidate:
         """Whether steps of its numbers lead where it can go, if one number says how much of it there is: friction does
         not drive.
         """
-        if self.sizes.sum() != 1 or self.proportional is not None:
+        if self.proportional is not None:  # a spring that pulls from afar may seem to push a little, too
+            size, shape = self.proportional
+            weakest = np.abs(step[..., shape]) * self.prior_sd[size] / (WIDE * self.prior_sd[shape])
+            return step[..., size] > -weakest
+        if self.sizes.sum() != 1:
             return np.ones(step.shape[:-1], bool)
         return ~np.any((step < 0) & self.one_sided & self.sizes, axis=-1)
 

@@ -149,7 +149,8 @@ def heard(known: Library, loudness: Float[np.ndarray, " parameters"]) -> Library
 
     def audible(c: Candidate) -> Candidate:
         loud = np.array([np.linalg.norm(loudness[list(take)]) for take in c.takes]) * c.prior_sd
-        return c.only(~c.sizes | (loud > SILENT * loud.max())) if loud.max() > SILENT else c
+        loudest = loud[c.sizes].max(initial=0.0)
+        return c.only(~c.sizes | (loud > SILENT * loudest)) if loudest > SILENT else c
 
     return replace(known, candidates=tuple(map(audible, known.candidates)))
 

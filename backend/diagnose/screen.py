@@ -285,7 +285,9 @@ def library_slopes(
         S[:, telling] = np.concatenate(subject.over(one, range(len(fitted.probes))))
         return S
 
-    return subject.alike(" ".join(["library", *(c.name for c in present)]), fitted.r, sweep, within)
+    # A spring that is there tells another slope of where it rests than one that is not.
+    there = [c.name for c in fitted.choice.candidates if c.proportional is not None]
+    return subject.alike(" ".join(["library", *(c.name for c in present), "about", *there]), fitted.r, sweep, within)
 
 
 def _projected(subject: Subject, fitted: Fitted, S: np.ndarray, r: np.ndarray, J: np.ndarray) -> Screen:

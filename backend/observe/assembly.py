@@ -47,25 +47,28 @@ def assembling_of(
     if not flat.flat or not flat.ids:
         return None
 
-    def ways(dots_px: Float[np.ndarray, "dot 2"], held: Int[np.ndarray, "marker"]) -> list[Way]:
+    def ways(dots_px: Float[np.ndarray, "dot 2"], held: Int[np.ndarray, "marker"], loose: float = 1.0) -> list[Way]:
         at = {h: view.metres(dots_px, np.full(len(dots_px), h)) for h in set(heights_m.tolist())}
-        return assemblies(flat, np.stack([at[h] for h in heights_m.tolist()]), held)
+        return assemblies(flat, np.stack([at[h] for h in heights_m.tolist()]), held, loose)
 
     return ways
 
 
 def assemblies(
-    flat: FlatMechanism, dots_m: Float[np.ndarray, "marker dot 2"], held: Int[np.ndarray, "marker"]
+    flat: FlatMechanism,
+    dots_m: Float[np.ndarray, "marker dot 2"],
+    held: Int[np.ndarray, "marker"],
+    loose: float = 1.0,
 ) -> list[Way]:
     """All ways in which the dots can be the mechanism's markers, best first: rms misfit over the largest that is
     allowed, and each marker's dot.
 
     dots_m: where a dot is in the bed's plane if it is that marker's, whose height counts.  held: dots that are known,
-    -1 otherwise.  Where its ground stands elsewhere than drawn it is put together on the dots alone.  Empty where
-    nothing fits, or a part with a marker cannot be reached.
+    -1 otherwise.  loose: times as far off as usual a dot may be.  Where its ground stands elsewhere than drawn it is
+    put together on the dots alone.  Empty where nothing fits, or a part with a marker cannot be reached.
     """
     for drawn in (flat, flat.afloat()):
-        builder, found = _Builder(drawn, np.asarray(dots_m, float), held), dict[tuple[int, ...], float]()
+        builder, found = _Builder(drawn, np.asarray(dots_m, float), held, loose), dict[tuple[int, ...], float]()
         for state in builder.build():
             if -1 not in state.dot:
                 found.setdefault(state.dot, float(np.sqrt(state.misfit / len(held))) / builder.tolerance_m)
@@ -86,11 +89,11 @@ def put_together(flat: FlatMechanism, seen_m: Float[np.ndarray, "marker 2"]) -> 
 
 
 class _Builder:
-    def __init__(self, flat: FlatMechanism, dots_m: np.ndarray, held: np.ndarray):
+    def __init__(self, flat: FlatMechanism, dots_m: np.ndarray, held: np.ndarray, loose: float = 1.0):
         self.flat, self.dots, self.held = flat, dots_m, held
         at = np.concatenate([flat.marker_at, flat.pin_at])
         extent = float(np.hypot(*np.ptp(at, 0)))
-        self.tolerance_m = min(ODD_M, SHARE * extent)
+        self.tolerance_m = loose * min(ODD_M, SHARE * extent)
 
     def build(self) -> list[Assembled]:
         """Everything put together as far as dots reach, best first."""
@@ -110,7 +113,11 @@ class _Builder:
         """The part to be put on: one that the known ones hold best, and of these the one with most markers."""
         free = [b for b in range(len(self.flat.ids)) if b not in state.known]
         ranked = [(self._hold(state, b), self._nameless(state, b), -b) for b in free]
-        ranked = [(hold, dots, b) for hold, dots, b in ranked if hold == FREEDOMS or (hold and dots) or dots > 1]
+        ranked = [
+            (hold, dots, b)
+            for hold, dots, b in ranked
+            if (hold == FREEDOMS and self._turn_known(state, -b)) or (hold and dots) or dots > 1
+        ]
         return -max(ranked)[2] if ranked else None
 
     def _nameless(self, state: Assembled, body: int) -> int:
@@ -198,7 +205,7 @@ class _Builder:
         drawn = np.concatenate([self.flat.marker_at[own], self.flat.pin_at[pins]])
         pinned = [self._place(state, body, k) for k in pins]
         # Where neither dots nor pins tell how it is turned, its markers have names and others cannot hang on it yet.
-        known = state.known | {body} if len(pins) < len(joints) or self._tells(drawn) else state.known
+        known = state.known | {body} if self._turn_known(state, body) else state.known
         for made in self._named(Assembled(poses, known, state.dot, state.misfit), body):
             placed, dots = poses.copy(), self.dots[own, [made.dot[m] for m in own]]
             if len(own) and len(pins) == len(joints) and body in known:
@@ -207,6 +214,13 @@ class _Builder:
             if np.abs(gap.reshape(-1, 3)[joints]).max(initial=0.0) < self.tolerance_m:
                 off = self._moved(placed[body], body, self.flat.marker_at[own]) - dots
                 yield Assembled(placed, made.known, made.dot, state.misfit + float((off**2).sum()))
+
+    def _turn_known(self, state: Assembled, body: int) -> bool:
+        """Whether a part's own dots, and joints to known parts, tell how it is turned."""
+        joints = self._joints(state, body)
+        pins = [k for k in joints if self.flat.turns[k]]
+        drawn = np.concatenate([self.flat.marker_at[self.flat.marker_body == body], self.flat.pin_at[pins]])
+        return len(pins) < len(joints) or self._tells(drawn)
 
     def _tells(self, points: np.ndarray) -> bool:
         """Whether points of a part tell how it is turned."""

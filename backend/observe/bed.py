@@ -47,7 +47,7 @@ class BedTag(Described):
     @property
     def tag(self) -> Tag:
         """As it is looked for."""
-        return Tag(self.family, self.id)
+        return tag_named(f"{self.family}:{self.id}")
 
     @model_validator(mode="after")
     def _is_one(self) -> BedTag:

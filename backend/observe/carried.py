@@ -73,7 +73,7 @@ def read_targets(targets: GivenTargets, markers: Sequence[str]) -> dict[str, Tag
             f"{', '.join(untagged)} are to be followed by their {named} and {others}; a clip is measured in one way. "
             "Put tags on these too, or follow all by texture."
         )
-    if len(set(tags.values())) < len(tags):
+    if len({tag.pattern for tag in tags.values()}) < len(tags):
         told = ", ".join(f"{name}: {tag}" for name, tag in tags.items())
         raise TrackingError(f"Two markers carry the same tag ({told}); give each its own.")
     return {name: tags[name] for name in markers}

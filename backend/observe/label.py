@@ -8,8 +8,8 @@ first moved, turned and scaled onto the dots.  What stays doubtful is refused, n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,10 +19,20 @@ from backend.observe.tracking_error import TrackingError
 
 Points = Float[np.ndarray, "n 2"]
 Way = tuple[float, tuple[int, ...]]  # a misfit, and each marker's dot
-Assembling = Callable[[Points, Int[np.ndarray, "m"]], list[Way]]
+
+
+class Assembling(Protocol):
+    """All ways in which a mechanism can be put together on dots, some of them known; loose: less exactly than usual."""
+
+    def __call__(self, dots_px: Points, held: Int[np.ndarray, "m"], loose: float = 1.0) -> list[Way]:
+        """Best first."""
+        ...
+
+
 CLEAR = 0.5  # a dot is a marker's own when it is less than half as far as any other dot
 RIVAL = 2.0  # another arrangement that fits less than twice as badly makes the picture ambiguous
 CLOSE = 0.25  # of the largest misfit that is allowed: two ways that both fit better than this are alike
+LOOSE = 2.0  # times as far off as usual, by which dots near their drawn places speak against an arrangement elsewhere
 SCALES = (0.5, 2.0)
 TRIED = 24
 
@@ -86,6 +96,9 @@ def label_dots(
         likely = [dot for misfit, dot in ways if misfit <= worst]
         if len(likely) > 1 and not unclear and any(misfit <= worst for misfit, _ in assembling(dots, index)):
             likely = [tuple(index.tolist())]
+        drawn_way = tuple(index.tolist())
+        if len(likely) == 1 and not unclear and likely[0] != drawn_way and assembling(dots, index, LOOSE):
+            likely.append(drawn_way)  # stickers a little farther off than is allowed, and a stranger that fits
         if len(likely) == 1:
             return dict(zip(names, likely[0], strict=True))
         unclear = [k for k in range(len(names)) if len({dot[k] for dot in likely}) > 1]

@@ -93,8 +93,9 @@ def track_video(
 
     mechanism: backend.mechanism's drawing, of which markers and body poses are used.
     bed_marks: see backend.observe.bed.  clicks: marker -> (x, y) [px] in the first picture, or a JSON file.
-    targets: marker -> number of the tag that it carries in place of a dot, or "texture" where nothing is stuck on any
-    marker, or "dark" where all are dots without a colour, "patch" where all are coloured areas of any shape; or a
+    targets: marker -> number of the tag that it carries in place of a dot ("aruco_4x4_50:3" of another family), or
+    "texture" where nothing is stuck on any marker, or "dark" where all are dots without a colour, "patch" where all are
+    coloured areas of any shape; or a
     JSON file.  checkpoint: of CoTracker, to say where textures are to be looked for.
     keep_truncated: measure the readable part of a file that ends too early.  part: what of the clip counts.
     coast_s: fill gaps up to this long with predictions, marked `predicted`; without it a hidden dot has no

@@ -31,8 +31,8 @@ def bed_in_picture(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[Bed, list[
 
 def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list[str]]:
     """The tags that are seen, as marks, and the numbers of those that are not."""
-    families = {t.family for t in bed.tags}
-    seen = {tag: laid.centre_px.tolist() for tag, laid in find_tags(luma, families).items()}
+    listed = [t.tag for t in bed.tags]
+    seen = {tag: laid.centre_px.tolist() for tag, laid in find_tags(luma, listed).items()}
     marks = [
         BedMark(id=f"tag {t.tag}", x_m=t.x_m, y_m=t.y_m, x_px=seen[t.tag][0], y_px=seen[t.tag][1])
         for t in bed.tags
@@ -46,7 +46,7 @@ def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list
             if others
             else ""
         )
-        mirrored = find_tags(np.ascontiguousarray(luma[:, ::-1]), families)
+        mirrored = find_tags(np.ascontiguousarray(luma[:, ::-1]), listed)
         if len(mirrored) > len(seen):
             raise TrackingError(
                 "The picture is mirrored, as by a camera that faces the person: the bed tags are read in its mirror "
@@ -56,6 +56,6 @@ def _find(bed: Bed, luma: UInt8[np.ndarray, "h w"]) -> tuple[list[BedMark], list
             f"{len(marks)} of the {len(bed.tags)} bed tags are found in the first picture (missing: "
             f"{', '.join(missing)}); four marks or tags fix the bed.{unlisted} Keep the tags' white margins, "
             "sharp and free of reflections, at least 25 pixels wide, uncovered when the clip starts."
-            + of_other_family(luma, [t.tag for t in bed.tags])
+            + of_other_family(luma, listed)
         )
     return marks, missing

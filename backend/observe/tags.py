@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -28,13 +28,16 @@ class Laid(NamedTuple):
     alike: float
 
 
-def find_tags(luma: UInt8[np.ndarray, "h w"], families: Iterable[str] = (KIT,)) -> dict[Tag, Laid]:
-    """Every tag of some families.
+def find_tags(luma: UInt8[np.ndarray, "h w"], asked: Collection[Tag] = ()) -> dict[Tag, Laid]:
+    """Every tag of the kit's family, or of the families of those that are asked for.
 
-    Raises TrackingError where one is seen twice: two prints of one tag cannot be told apart.
+    Raises TrackingError where one of these is seen twice: two prints of one tag cannot be told apart. Others may be:
+    families of few cells are read into what is none.
     """
-    seen = [found for family in dict.fromkeys(families) for found in outlines(luma, family)]
-    if twice := sorted({i for i, _ in seen if [j for j, _ in seen].count(i) > 1}):
+    families = dict.fromkeys(tag.family for tag in asked) or (KIT,)
+    seen = [found for family in families for found in outlines(luma, family)]
+    names = [tag for tag, _ in seen]
+    if twice := sorted({tag for tag in names if names.count(tag) > 1 and (tag in asked or not asked)}):
         raise TrackingError(
             f"Bed tag {', '.join(map(str, twice))} is seen twice in the picture; cover or remove one of the two."
         )

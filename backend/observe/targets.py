@@ -103,7 +103,7 @@ class TagTargets:
 
     def __init__(self, first: Frame, tags: Mapping[str, Tag]):
         self.ids = list(tags.values())
-        seen = find_tags(first.luma, (tag.family for tag in self.ids))
+        seen = find_tags(first.luma, self.ids)
         if missing := [f"{m} (tag {t})" for m, t in tags.items() if t not in seen]:
             raise TrackingError(
                 f"Not found in the first picture: {', '.join(missing)}. Start the clip with every tag in view, sharp, "

@@ -122,6 +122,9 @@ def test_where_a_spring_rests_stays_free_although_it_moves_nothing_before_there_
     loudness = np.array([0.0 if p.parameter == "rest_rad" else 1.0 for p in found.parameters])
     spring = next(c for c in heard(found, loudness).candidates if c.kind == "torsion_spring" and len(c.on) == 1)
     assert [p.parameter for p in spring.parameters] == ["stiffness_n_m_per_rad", "rest_rad"]
+    loudness = np.array([50.0 if p.parameter == "rest_rad" else 1.0 for p in found.parameters])  # it hardly moves
+    spring = next(c for c in heard(found, loudness).candidates if c.kind == "torsion_spring" and len(c.on) == 1)
+    assert [p.parameter for p in spring.parameters] == ["stiffness_n_m_per_rad", "rest_rad"]
     assert spring.sizes.tolist() == [True, False]
 
 

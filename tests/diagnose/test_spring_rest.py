@@ -34,3 +34,9 @@ def test_steps_along_a_springs_responses_say_where_it_rests():
     assert pushing[0] > 0.0
     assert pushing[1] == pytest.approx(3.0 * expected[1])
     assert spring.offsets(np.zeros(2)).tolist() == [0.0, 0.0]
+
+
+def test_a_spring_that_would_push_gains_nothing_and_one_that_pulls_from_afar_may():
+    spring = next(c for c in library(fourbar(), SMOOTH).candidates if c.kind == "torsion_spring")
+    steps = np.array([[1.0, 0.0], [-1.0, 0.5], [-0.1, 1.0]]) * spring.prior_sd
+    assert spring.allows(steps).tolist() == [True, False, True]

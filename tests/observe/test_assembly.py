@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.mechanism.read import read_mechanism
+from backend.mechanism.read import parse_mechanism, read_mechanism
 from backend.observe.assembly import assembling_of, put_together
 from backend.observe.flat_mechanism import FlatMechanism
 from backend.observe.label import label_dots
@@ -101,3 +101,53 @@ def test_dots_that_are_no_such_mechanism_are_refused():
     dots = np.random.default_rng(6).uniform(-0.2, 0.2, (5, 2))
     with pytest.raises(TrackingError, match="doubtful"):
         named(drawing(), fourbar([1.0])[0], dots)
+
+
+def rig(joints, markers):
+    """A flat rig of parts as drawn at the world's own axes: (joint type, part, part, x, y) and (part, x, y)."""
+    still = {"position_m": [0.0, 0.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    inertia = {"xx": 1e-5, "yy": 1e-5, "zz": 1e-5, "xy": 0.0, "xz": 0.0, "yz": 0.0}
+    inertial = {"mass_kg": 0.05, "center_of_mass_m": [0.0, 0.0, 0.0], "inertia_kg_m2": inertia}
+    parts = dict.fromkeys(b for _, *pair, _, _ in joints for b in pair if b != "ground")
+    frames = [{**still, "position_m": [x, y, 0.0]} for *_, x, y in joints]
+    return parse_mechanism(
+        {
+            "schema_version": "1.0", "name": "rig", "gravity_m_per_s2": [0.0, 0.0, -9.81], "effects": [],
+            "bodies": [{"id": "ground", "fixed": True, "pose": still},
+                       *({"id": b, "pose": still, "inertial": inertial} for b in parts)],
+            "joints": [{"id": f"j{k}", "type": kind, "body_a": a, "body_b": b, "frame_a": at, "frame_b": at}
+                       for k, ((kind, a, b, _, _), at) in enumerate(zip(joints, frames, strict=True))],
+            "markers": [{"id": f"m{k}", "body": b, "position_m": [x, y, 0.0]} for k, (b, x, y) in enumerate(markers)],
+        }
+    )  # fmt: skip
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize(
+    "mechanism",
+    [
+        rig(  # a press: a crank of 6 mm throw, without a dot
+            [("revolute", "ground", "crank", 0, 0), ("revolute", "crank", "rod", 0.006, 0),
+             ("revolute", "rod", "rocker", 0.15, 0.02), ("revolute", "rocker", "ground", 0.15, -0.1)],
+            [("rod", 0.03, 0.0), ("rod", 0.12, 0.015), ("rocker", 0.15, -0.03)],
+        ),
+        rig(  # two bearings of one shaft
+            [("revolute", "ground", "hub", 0, 0), ("revolute", "ground", "hub", 0, 0), ("fixed", "hub", "arm", 0, 0)],
+            [("arm", 0.1, 0.0), ("arm", 0.05, 0.02)],
+        ),
+    ],
+    ids=["press", "shaft"],
+)  # fmt: skip
+def test_pins_too_close_to_tell_a_turn_end_no_search(mechanism):
+    flat = FlatMechanism(mechanism, Plane())
+    poses = put_together(flat, flat.marker_at)
+    assert flat.carried(poses, flat.marker_body, flat.marker_at)[0] == pytest.approx(flat.marker_at, abs=1e-6)
+
+
+def test_a_sticker_beyond_what_is_allowed_does_not_give_its_name_to_a_stranger():
+    """A pendulum of 50 mm as drawn, its sticker 2 mm too far out, and a stranger on the arc of its marker."""
+    pendulum = rig([("revolute", "ground", "arm", 0, 0)], [("arm", 0.05, 0.0)])
+    stranger = 0.05 * np.array([np.cos(2.3), np.sin(2.3)])
+    with pytest.raises(TrackingError, match="doubtful which dots are m0"):
+        named(pendulum, np.array([[0.05, 0.0]]), np.array([[0.052, 0.0], stranger]))
+    assert named(pendulum, np.array([[0.05, 0.0]]), np.array([[0.052, 0.0]])) == [0]

@@ -74,10 +74,12 @@ def test_targets_that_disagree_with_the_drawing_are_refused(tmp_path):
         read_targets({"tip": 20, "knee": 20}, ["tip", "knee"])
     with pytest.raises(TrackingError, match=r"600 is no tag: apriltag_36h11 has numbers from 0 to 586"):
         read_targets({"tip": 20, "knee": 600}, ["tip", "knee"])
-    with pytest.raises(TrackingError, match=r"1\.5 is no tag"):
+    with pytest.raises(TrackingError, match=r"1\.5 is no number of a tag"):
         read_targets({"tip": 1.5, "knee": 20}, ["tip", "knee"])
     with pytest.raises(TrackingError, match=r"'aruco_9x9:1' is of no family that is read: apriltag_36h11, "):
         read_targets({"tip": "aruco_9x9:1", "knee": 20}, ["tip", "knee"])
+    with pytest.raises(TrackingError, match="same tag"):  # smaller families of ArUco begin the larger ones
+        read_targets({"tip": "aruco_4x4_50:3", "knee": "aruco_4x4_100:3"}, ["tip", "knee"])
     file = tmp_path / "targets.json"
     file.write_text(json.dumps({"knee": 21, "tip": 20}))
     assert read_targets(file, ["tip", "knee"]) == {"tip": Tag(KIT, 20), "knee": Tag(KIT, 21)}

@@ -25,6 +25,7 @@ from .elsewhere import dlc_csv
 from .filmed_fourbar import drawing as fourbar
 from .scenes import drawing
 
+CORNERS = ((0.0, 0.0), (0.3, 0.0), (0.3, 0.2), (0.0, 0.2))
 MIDDLE = (105.0, 148.5)  # of an A4 page [mm]
 AWAY = (lean(6, -8, 88), (0.0, 0.0, 420.0))  # the page of tags fills the picture
 
@@ -241,3 +242,10 @@ def test_tracks_whose_points_have_their_own_times_go_out_frame_by_frame(still, t
     middle = back[(back.frame > 0) & (back.frame < 5)]  # at the ends nothing tells how fast a point is
     there = middle.x_m - speed * middle.time_s
     np.testing.assert_allclose(there, np.tile([p[0] for p in DOTS_M.values()], 4), atol=1e-8)
+
+
+def test_a_tags_family_may_be_written_in_capitals():
+    bed = read_bed(
+        {"tags": [{"id": k, "x_m": x, "y_m": y, "family": "ARUCO_4X4_50"} for k, (x, y) in enumerate(CORNERS)]}
+    )
+    assert [str(tag.tag) for tag in bed.tags] == [f"aruco_4x4_50:{k}" for k in range(4)]

@@ -38,7 +38,7 @@ def marked_before(
         points["stick"] = [_at(end, px) for end, px in zip(points["stick"], ends, strict=True)]
         points["length_mm"] = round(1e3 * stick["length_m"], 9)
     clicks, targets = request.get("clicks") or {}, request.get("targets") or {}
-    carried = {name: target for name, target in targets.items() if isinstance(target, int)}
+    carried = {name: int(target) for name, target in targets.items() if str(target).isdigit()}
     points["dots"] = [{**_at(dot, clicks.get(dot["id"])), "tag": carried.get(dot["id"])} for dot in points["dots"]]
     if carried:
         made["way"] = "tag"
