@@ -32,7 +32,13 @@ def serve(
         from backend.service.supervise import supervise
 
         settings = Settings(**_given(host=host, port=port, workers=workers, data_folder=data))
-        if settings.keys_required and not _has_key(settings):
+        if settings.require_keys is False and not settings.on_loopback:
+            raise ValueError(
+                f"LINKTWIN_REQUIRE_KEYS=false holds on loopback alone, and {settings.host} is reached from elsewhere: "
+                "make a key with `linktwin key new OWNER` and leave the variable out, or listen on 127.0.0.1"
+            )
+        has_key = _has_key(settings)  # opens database and storage once, before anything is started on them
+        if settings.keys_required and not has_key:
             raise ValueError(
                 f"listening on {settings.host} needs an API key, and there is none: make one with "
                 "`linktwin key new OWNER`, or listen on 127.0.0.1"

@@ -98,8 +98,8 @@ class Settings(BaseSettings):
 
     @property
     def keys_required(self) -> bool:
-        """Whether every request must show an API key."""
-        return (not self.on_loopback) if self.require_keys is None else self.require_keys
+        """Whether every request must show an API key: always where others reach it, whatever is set."""
+        return not self.on_loopback or bool(self.require_keys)
 
     def environment(self) -> dict[str, str]:
         """The same settings as variables, for the processes that `linktwin serve` starts."""

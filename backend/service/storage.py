@@ -32,7 +32,13 @@ class Storage:
     def __init__(self, url: str):
         import fsspec
 
-        self.files, self.root = fsspec.core.url_to_fs(url)
+        try:
+            self.files, self.root = fsspec.core.url_to_fs(url)
+        except (ImportError, ValueError) as error:
+            raise ValueError(
+                f"the storage {url.partition('://')[0]}:// cannot be opened: {error}. Install its fsspec package "
+                "beside linktwin (s3fs for s3://, gcsfs for gs://), or name a folder"
+            ) from error
         self.is_local = "file" in _protocols(self.files)
         if self.is_local:
             Path(self.root).mkdir(parents=True, exist_ok=True)

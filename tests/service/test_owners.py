@@ -158,12 +158,22 @@ def test_a_page_of_another_site_may_write_nothing_and_no_answer_is_shared_with_i
     assert not any(name.startswith("access-control") for name in client.get("/api/v1/jobs", headers=foreign).headers)
 
 
-def test_serving_in_public_without_a_key_is_refused_in_a_sentence(tmp_path):
+@pytest.mark.parametrize(
+    ("variables", "says"),
+    [
+        ({}, "linktwin key new"),
+        ({"LINKTWIN_REQUIRE_KEYS": "false"}, "holds on loopback alone"),
+        ({"LINKTWIN_STORAGE_URL": "nowhere://bucket"}, "storage nowhere:// cannot be opened"),
+    ],
+    ids=["no key", "keys switched off", "no such storage"],
+)
+def test_serving_in_public_without_a_key_or_on_no_storage_is_refused_in_a_sentence(tmp_path, variables, says):
+    import os
     import subprocess
 
     code = "from backend.cli import main; main()"
     command = [sys.executable, "-c", code, "serve", "--host", "0.0.0.0", "--port", "0", "--data", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env={**os.environ, **variables})
     assert done.returncode == 2
-    assert "linktwin key new" in done.stderr
+    assert says in done.stderr
     assert "Traceback" not in done.stderr
