@@ -71,6 +71,12 @@ RepeatKey = Annotated[
 ]  # fmt: skip
 
 
+def made(status: int, words: str) -> dict[int | str, dict[str, Any]]:
+    """What a route that makes something answers with: where it is."""
+    place = {"description": "Where it is: a path on this service.", "schema": {"type": "string"}}
+    return {status: {"description": words, "headers": {"Location": place}}}
+
+
 def may_fail(*kinds: str) -> dict[int | str, dict[str, Any]]:
     """The problem documents that a route may answer with, besides those that every route may."""
     told: dict[int | str, dict[str, Any]] = {}

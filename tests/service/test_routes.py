@@ -273,6 +273,8 @@ def test_the_schema_is_openapi_3_1_with_examples(client):
         for method, told in methods.items():
             codes = set(told["responses"])
             assert {"401", "422", "429"} <= codes, (path, method)
+            if taken := codes & {"201", "202"}:
+                assert all("Location" in told["responses"][code]["headers"] for code in taken), (path, method)
 
 
 def test_the_web_process_loads_no_solver_no_vision_no_cad_and_no_queue():

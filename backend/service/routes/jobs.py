@@ -22,7 +22,7 @@ from backend.service.answers import (
     ProgressAnswer,
     ResultAnswer,
 )  # fmt: skip
-from backend.service.asking import RepeatKey, TheKey, TheOwner, TheService, TheSlice, may_fail, the_owner
+from backend.service.asking import RepeatKey, TheKey, TheOwner, TheService, TheSlice, made, may_fail, the_owner
 from backend.service.jobs.desk import (
     cancel_job,
     delete_job,
@@ -77,7 +77,8 @@ _streams: Counter[str] = Counter()
 
 
 @router.post(
-    "", status_code=202, responses=may_fail("not-found", "too-large", "too-slow", "wrong-type", "key-reused"),
+    "", status_code=202,
+    responses=made(202, "Taken") | may_fail("not-found", "too-large", "too-slow", "wrong-type", "key-reused"),
     dependencies=[Depends(json_alone)],
 )  # fmt: skip
 def post_job(

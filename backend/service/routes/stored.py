@@ -10,7 +10,7 @@ from fastapi.concurrency import run_in_threadpool
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.read import decode
 from backend.service.answers import API, ID, ROOMS, ThingAnswer
-from backend.service.asking import RepeatKey, TheOwner, TheService, may_fail
+from backend.service.asking import RepeatKey, TheOwner, TheService, made, may_fail
 from backend.service.mechanisms import faulty, store_mechanism, store_mechanism_document
 from backend.service.problems import Problem
 from backend.service.records import Thing
@@ -22,7 +22,9 @@ from backend.service.telling import thing_answer
 from backend.service.things import files_of
 from backend.service.videos import store_video
 
-UPLOAD = may_fail("not-found", "too-slow", "too-large", "wrong-type", "storage-full", "key-reused")
+UPLOAD = made(201, "Stored") | may_fail(
+    "not-found", "too-slow", "too-large", "wrong-type", "storage-full", "key-reused"
+)
 Name = Annotated[str | None, Query(max_length=200, description="What to call it.")]
 DRAWING = {
     "schema_version": "1.0",
