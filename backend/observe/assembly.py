@@ -25,8 +25,8 @@ from backend.observe.project import AbstractView
 BEAM = 300  # ways of putting together that go on
 NEAREST = 2  # dots that are tried where a part puts a marker
 SHARE = 0.03  # of the drawing's extent: how far a dot may lie from where a small mechanism's part puts it
-FREEDOMS = 3  # of a part in the plane
 LEAST = 2.0  # of that: a marker nearer than this to a pin does not tell how its part is turned
+FREEDOMS = 3  # of a part in the plane
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,12 @@ from backend.observe.tracking_error import TrackingError
 
 Points = Float[np.ndarray, "n 2"]
 Way = tuple[float, tuple[int, ...]]  # a misfit, and each marker's dot
+CLEAR = 0.5  # a dot is a marker's own when it is less than half as far as any other dot
+RIVAL = 2.0  # another arrangement that fits less than twice as badly makes the picture ambiguous
+CLOSE = 0.25  # of the largest misfit that is allowed: two ways that both fit better than this are alike
+LOOSE = 2.0  # times as far off as usual, by which dots near their drawn places speak against an arrangement elsewhere
+SCALES = (0.5, 2.0)
+TRIED = 24
 
 
 class Assembling(Protocol):
@@ -27,14 +33,6 @@ class Assembling(Protocol):
     def __call__(self, dots_px: Points, held: Int[np.ndarray, "m"], loose: float = 1.0) -> list[Way]:
         """Best first."""
         ...
-
-
-CLEAR = 0.5  # a dot is a marker's own when it is less than half as far as any other dot
-RIVAL = 2.0  # another arrangement that fits less than twice as badly makes the picture ambiguous
-CLOSE = 0.25  # of the largest misfit that is allowed: two ways that both fit better than this are alike
-LOOSE = 2.0  # times as far off as usual, by which dots near their drawn places speak against an arrangement elsewhere
-SCALES = (0.5, 2.0)
-TRIED = 24
 
 
 def drawn_positions(mechanism: Any) -> dict[str, Float[np.ndarray, "3"]]:
@@ -92,11 +90,10 @@ def label_dots(
     index = _assign(as_drawn, dots, held)
     unclear = _doubtful(as_drawn, dots, index, held)
     if assembling and (ways := assembling(dots, held)):
-        worst = RIVAL * ways[0][0] + CLOSE
+        worst, drawn_way = RIVAL * ways[0][0] + CLOSE, tuple(index.tolist())
         likely = [dot for misfit, dot in ways if misfit <= worst]
         if len(likely) > 1 and not unclear and any(misfit <= worst for misfit, _ in assembling(dots, index)):
-            likely = [tuple(index.tolist())]
-        drawn_way = tuple(index.tolist())
+            likely = [drawn_way]
         if len(likely) == 1 and not unclear and likely[0] != drawn_way and assembling(dots, index, LOOSE):
             likely.append(drawn_way)  # stickers a little farther off than is allowed, and a stranger that fits
         if len(likely) == 1:

@@ -50,6 +50,10 @@ from backend.observe.write import write_tracks
 
 GREATEST_ACCELERATION = 60.0  # m/s^2: six g, beyond what springs and hands do to a linkage on a table
 
+UNCARRIED = (
+    "The camera moved, so no camera.json stands beside the tracks: a fit does not carry how well lens and poses are "
+    "known unless the study states the tolerances of tracking.json, or frees camera_scale and camera_rotation."
+)
 FOLLOWED = (
     "Markers were followed by their surroundings, from where the drawing or a click puts them in the first picture: an "
     "error there stays for the whole clip. Free marker_offset in a fit."
@@ -66,12 +70,6 @@ class TrackResult:
     tracks_path: Path
     summary_path: Path
     preview_path: Path | None
-
-
-UNCARRIED = (
-    "The camera moved, so no camera.json stands beside the tracks: a fit does not carry how well lens and poses are "
-    "known unless the study states the tolerances of tracking.json, or frees camera_scale and camera_rotation."
-)
 
 
 def track_video(
