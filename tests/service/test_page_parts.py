@@ -155,7 +155,7 @@ def pointed(marks="", ends=0, tagged=0, length=None, carried=None, **typed):
     ]
     stick = [{"id": id, "x_px": 5.0 + 100 * k if k < ends else None, "y_px": 7.0} for k, id in enumerate(STICK)]
     tags = [{"id": f"tag {n}", "number": n, "x_mm": 100.0 * n, "y_mm": 40.0 * (n % 2)} for n in range(tagged)]
-    both = (("middle", None, 21), ("bob", 3.0, carried))
+    both = (("middle", None, "21"), ("bob", 3.0, carried))
     dots = [{"id": id, "x_px": x, "y_px": x, "tag": tag} for id, x, tag in both]
     points = {"marks": seen, "tags": tags, "stick": stick, "dots": dots, "length_mm": length}
     return {"points": points, "plane": "xz", "way": "", "markers": ["middle", "bob"], **typed}
@@ -182,9 +182,9 @@ def test_what_was_pointed_out_becomes_the_job_that_was_meant():
 def test_tags_a_camera_and_a_bed_file_come_to_the_tracker_as_they_are(tmp_path):
     assert not ready(pointed("AB", tagged=1)["points"])
     assert ready(pointed("AB", tagged=2)["points"])
-    tagged = asked_for(ID, ID, pointed(tagged=4, way="tag", carried=20))
+    tagged = asked_for(ID, ID, pointed(tagged=4, way="tag", carried="aruco_4x4_50:20"))
     assert tagged.bed["tags"][2] == {"id": 2, "x_m": 0.2, "y_m": 0.0}
-    assert tagged.targets == {"middle": 21, "bob": 20}
+    assert tagged.targets == {"middle": "21", "bob": "aruco_4x4_50:20"}
     write_camera(CAMERA, tmp_path / "camera.json")
     bed = {"tags": tagged.bed["tags"], "camera": "camera.json", "readout_s": 0.01}
     (tmp_path / "bed.json").write_text(json.dumps(bed))
@@ -198,7 +198,8 @@ def test_tags_a_camera_and_a_bed_file_come_to_the_tracker_as_they_are(tmp_path):
     "given",
     [
         pointed("ABCD", height="2.5", focal="900"),
-        pointed("CD", tagged=2, way="tag", carried=20, camera="700"),
+        pointed("CD", tagged=2, way="tag", carried="0", camera="700"),
+        pointed("ABCD", way="tag", carried="aruco_4x4_50:3"),
         pointed(ends=2, length=940, way="texture", reach="40", **{"from": "1.5", "to": "4", "rate": "240"}),
         pointed(bed_file={"marks": asked_for(ID, ID, pointed("ABCD")).bed["marks"], "readout_s": 0.01}),
         pointed(bed_file={"marks": asked_for(ID, ID, pointed("ABCD")).bed["marks"], "marker_height_m": "drawn"}),
@@ -228,6 +229,7 @@ def test_a_file_that_is_neither_camera_nor_bed_is_refused(tmp_path, text, says):
         (pointed("ABCD", way="texture", reach="2"), "5 pixels or more"),
         (pointed(ends=2, length=940, focal="900"), "stands in for marks"),
         (pointed("ABCD", way="tag"), "which tag is on bob"),
+        (pointed("ABCD", way="tag", carried="aruco_4x4_50:99"), "has numbers from 0 to 49"),
         (pointed(tagged=3), "Type how long"),
         (pointed(bed_file={"tags": [], "camera": "camera.json"}), "names the camera camera.json"),
     ],

@@ -104,8 +104,8 @@ def clip_view(service: Service, owner: str, id: str, video: str, again: str = ""
         tag(
             "p",
             "Coloured areas need a click on one of them, a surface a click where each marker is and the drawing does "
-            "not show it, tags their numbers: all under Dots. Begin where everything is in view; the clicks belong to "
-            "the frame shown.",
+            "not show it, tags their numbers (3 of the kit's, aruco_4x4_50:3 of another family): all under Dots. Begin "
+            "where everything is in view; the clicks belong to the frame shown.",
             "note",
         )
         tag("h2", "The plane of the marks")
@@ -202,7 +202,7 @@ def asked_for(mechanism: str, video: str, given: dict[str, Any]) -> TrackRequest
     if clicks:
         asked["clicks"] = clicks
     if given["way"] == "tag":
-        if bare := [dot["id"] for dot in points["dots"] if not isinstance(dot.get("tag"), int)]:
+        if bare := [dot["id"] for dot in points["dots"] if not dot.get("tag")]:
             raise ValueError(f"Type under Dots which tag is on {', '.join(bare)}.")
         asked["targets"] = {dot["id"]: dot["tag"] for dot in points["dots"]}
     elif way := given["way"]:

@@ -38,12 +38,13 @@ def marked_before(
         points["stick"] = [_at(end, px) for end, px in zip(points["stick"], ends, strict=True)]
         points["length_mm"] = round(1e3 * stick["length_m"], 9)
     clicks, targets = request.get("clicks") or {}, request.get("targets") or {}
-    carried = {name: int(target) for name, target in targets.items() if str(target).isdigit()}
-    points["dots"] = [{**_at(dot, clicks.get(dot["id"])), "tag": carried.get(dot["id"])} for dot in points["dots"]]
-    if carried:
+    way, _, reach = str(next(iter(targets.values()), "")).partition(":")  # of all markers alike, but for their tags
+    tags_on = {} if way in UNTAGGED else {name: str(target) for name, target in targets.items()}
+    points["dots"] = [{**_at(dot, clicks.get(dot["id"])), "tag": tags_on.get(dot["id"])} for dot in points["dots"]]
+    if tags_on:
         made["way"] = "tag"
-    elif targets and (untagged := next(iter(targets.values())).partition(":"))[0] in UNTAGGED:
-        made["way"], _, reach = untagged
+    elif targets:
+        made["way"] = way
         made |= {"reach": reach} if reach else {}
     plane = bed.get("plane") or {}
     axes = [list(plane.get(axis, ())) for axis in ("x_axis", "y_axis")]

@@ -29,7 +29,7 @@ export default {
               <label>x <input type="number" step="any" v-model.number="point.x_px" @input="tell(); paint()" :aria-label="'x of ' + point.id + ' in pixels'"> px</label>
               <label>y <input type="number" step="any" v-model.number="point.y_px" @input="tell(); paint()" :aria-label="'y of ' + point.id + ' in pixels'"> px</label>
             </template>
-            <label v-if="mode === 'dots' && tagged">tag <input type="number" min="0" step="1" v-model.number="point.tag" @input="tell" :aria-label="'tag on ' + point.id"></label>
+            <label v-if="mode === 'dots' && tagged">tag <input type="text" placeholder="3" v-model.trim="point.tag" @input="tell" :aria-label="'tag on ' + point.id"></label>
             <button v-if="mode === 'tags'" type="button" class="quiet" @click="leave(point)" :aria-label="'Leave out ' + point.id">×</button>
             <button v-else-if="placed(point)" type="button" class="quiet" @click="drop(point)" :aria-label="'Take ' + point.id + ' off'">×</button>
           </li>
