@@ -20,6 +20,7 @@ from backend.commands.kit import kit
 from backend.commands.serve import key, serve
 from backend.commands.simulate import simulate
 from backend.commands.still import still
+from backend.commands.surface import surface
 from backend.commands.track import track
 from backend.commands.twin import twin
 from backend.environment import keep_programs, settle
@@ -34,7 +35,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 for command in (
-    demo, export, check, simulate, kit, calibrate, still, track, convert, fit, diagnose, twin, jam, blind, serve, key,
+    demo, export, surface, check, simulate, kit, calibrate, still, track, convert, fit, diagnose, twin, jam, blind,
+    serve, key,
 ):  # fmt: skip
     app.command()(command)
 

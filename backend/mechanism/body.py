@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from backend.mechanism.part import Id, Part, Vector3
 from backend.mechanism.pose import Pose
 
+SURFACES = (".stl", ".obj", ".ply", ".glb")  # kinds of file that a mesh may be
 TRIANGLE_TOLERANCE = 1e-6  # relative: a flat plate meets the inequality with equality, and mass properties are rounded
 
 
@@ -63,7 +64,10 @@ class Inertial(Part):
 
 
 class Mesh(Part):
-    """A file with the body's surface, in body axes; `scale_to_m` turns its numbers into metres."""
+    """A file with the body's surface, in body axes; `scale_to_m` turns its numbers into metres.
+
+    STL, OBJ, PLY or GLB, and alike for each: a GLB is neither turned from y-up nor taken for metres.
+    """
 
     uri: Id
     scale_to_m: Annotated[float, Field(gt=0.0)]

@@ -4,16 +4,19 @@ import asyncio
 import errno
 import json
 import os
+import sys
 from contextlib import nullcontext
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
 import httpx
 import numpy as np
 import pytest
+import trimesh
 from fastapi import FastAPI
 
-from backend.mechanism.read import read_mechanism
+from backend.mechanism.read import parse_mechanism, read_mechanism
 from backend.observe.camera import Camera, Deviations, write_camera
 from backend.service.jobs.desk import start_job
 from backend.service.jobs.requests import FitRequest
@@ -259,13 +262,54 @@ def test_few_frames_of_a_clip_are_kept_whatever_is_asked_for(tmp_path, monkeypat
     service.close()
 
 
-def test_a_mesh_that_was_not_sent_is_not_asked_for():
-    mechanism = read_mechanism(SAMPLES / "fourbar" / "mechanism.json")
-    drawn = on_stage(mechanism, lambda uri: None if "crank" in uri else f"/files/{uri}")
+def test_each_mesh_is_asked_for_as_stl_or_its_fault_is_told():
+    text = (SAMPLES / "fourbar" / "mechanism.json").read_text()
+    text = text.replace("coupler.stl", "coupler.GLB").replace("frame.stl", "frame.step")
+    drawn = on_stage(
+        parse_mechanism(json.loads(text), "it"), lambda uri: None if "crank" in uri else f"/files/{uri}"
+    )
     meshes = {body["id"]: body["meshes"] for body in drawn["bodies"]}
-    assert meshes["crank"] == []
-    assert meshes["rocker"] == [{"url": "/files/meshes/rocker.stl", "scale_to_m": 0.001}]
+    assert meshes["crank"] == [{"uri": "meshes/crank.stl", "scale_to_m": 0.001}]  # it was not sent
+    assert meshes["rocker"][0]["url"] == "/files/meshes/rocker.stl"
+    assert meshes["coupler"][0]["url"] == "/files/meshes/coupler.GLB?as=stl"
+    (frame,) = meshes[next(body["id"] for body in drawn["bodies"] if body["fixed"])]
+    assert frame["fault"].startswith('"meshes/frame.step" is no mesh that is drawn here; export it as .stl')
     assert all(len(body["points_m"]) >= 2 for body in drawn["bodies"])  # so that it can be drawn as a bar
+
+
+def test_a_mesh_of_another_kind_is_handed_out_as_stl_and_made_once(tmp_path, monkeypatch):
+    whole = [sys.executable, "-c", "from backend.cli import main; main()"]
+    service = open_service(settings_in(tmp_path, job_command=whole))
+    bar = trimesh.creation.box((80.0, 20.0, 6.0))
+    bar.export(tmp_path / "bar.glb")
+    (tmp_path / "dots.ply").write_bytes(trimesh.PointCloud(bar.vertices).export(file_type="ply"))
+    with service.database.writing() as session:
+        job = Job(owner=LOCAL, kind="jam", request={})
+        files = {name: service.storage.put(tmp_path / name) for name in ("bar.glb", "dots.ply")}
+        session.add_all([job, *(stored(job.id, f"meshes/{name}", kept) for name, kept in files.items())])
+    app = FastAPI()
+    add_files(app, lambda: service)
+    base = f"http://here/files/jobs/{job.id}/meshes"
+
+    def asked(path):
+        async def answer():
+            async with httpx.AsyncClient(transport=httpx.ASGITransport(app)) as browser:
+                return await browser.get(f"{base}/{path}")
+
+        return asyncio.run(answer())
+
+    found = asked("bar.glb?as=stl")
+    assert found.headers["content-type"] == "model/stl"
+    drawn = trimesh.load_mesh(BytesIO(found.content), file_type="stl")
+    np.testing.assert_allclose(drawn.extents, [80.0, 20.0, 6.0], rtol=1e-6)
+    assert asked("bar.glb").content == (tmp_path / "bar.glb").read_bytes()
+    refused = asked("dots.ply?as=stl")
+    assert (refused.status_code, refused.text) == (
+        422, '"meshes/dots.ply" holds no facets; export the surface, not its points or edges alone.',
+    )  # fmt: skip
+    monkeypatch.setattr(running, "linktwin", None)  # no process is begun for what is there
+    assert asked("bar.glb?as=stl").content == found.content
+    service.close()
 
 
 def test_what_was_tracked_in_a_clip_that_was_deleted_is_shown_and_studied_all_the_same(tmp_path, monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
+from urllib.parse import quote
 
 from backend.mechanism.mechanism import Mechanism
 from backend.service.page.late import ROOT
@@ -26,7 +27,7 @@ def staged(service: Service, mechanism: Mechanism, room: str, id: str, folder: s
 
     def address(uri: str) -> str | None:
         path = f"{folder}/{uri}".lstrip("/") if folder else uri
-        return base + path if path in there else None
+        return base + quote(path) if path in there else None
 
     return on_stage(mechanism, address)
 

@@ -6,7 +6,7 @@ import asyncio
 import tempfile
 import zipfile
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import Query, Request
 from fastapi.responses import FileResponse, Response
@@ -15,7 +15,7 @@ from starlette.background import BackgroundTask
 from backend.service.jobs.command import WATCHED
 from backend.service.jobs.desk import find_job
 from backend.service.page.access import owner_from, shared_job
-from backend.service.page.running import brought, first_frame
+from backend.service.page.running import as_stl, brought, first_frame
 from backend.service.page.subject import subject_of
 from backend.service.problems import Problem
 from backend.service.service import Service
@@ -33,6 +33,7 @@ SHOWN = (
     "model/stl",
     "text/plain",
 )
+As = Annotated[Literal["stl"] | None, Query(alias="as")]  # another kind of file than the stored one
 PAGES = "sandbox allow-scripts"  # a report's own script may draw, and reach nothing of this site
 
 
@@ -40,12 +41,12 @@ def add_files(app, service_of) -> None:
     """Routes under which the views' files lie; service_of: the service that is served."""
 
     @app.get("/files/{room}/{id}/{path:path}", include_in_schema=False)
-    async def owned(request: Request, room: str, id: str, path: str) -> Response:
+    async def owned(request: Request, room: str, id: str, path: str, kind: As = None) -> Response:
         service = service_of()
-        return await _answered(lambda: _owned(service, request, room, id), service, id, path)
+        return await _answered(lambda: _owned(service, request, room, id), service, id, path, kind)
 
     @app.get("/shared-files/{id}/{token}/subject/{path:path}", include_in_schema=False)
-    async def subject(id: str, token: str, path: str) -> Response:
+    async def subject(id: str, token: str, path: str, kind: As = None) -> Response:
         service = service_of()
 
         def allowed() -> str:
@@ -54,7 +55,7 @@ def add_files(app, service_of) -> None:
                 raise Problem("not-found", f"The link shows the drawing's meshes; {path[:200]!r} is none of them.")
             return about.id
 
-        return await _answered(allowed, service, "", path)
+        return await _answered(allowed, service, "", path, kind)
 
     @app.get("/shared-files/{id}/{token}/{path:path}", include_in_schema=False)
     async def shared(id: str, token: str, path: str) -> Response:
@@ -96,7 +97,7 @@ def _owned(service: Service, request: Request, room: str, id: str) -> str:
     return id
 
 
-async def _answered(allowed, service: Service, id: str, path: str) -> Response:
+async def _answered(allowed, service: Service, id: str, path: str, kind: str | None = None) -> Response:
     try:
         id = await asyncio.to_thread(allowed) or id
         if path == "all.zip":
@@ -104,10 +105,10 @@ async def _answered(allowed, service: Service, id: str, path: str) -> Response:
             done = BackgroundTask(archive.unlink, missing_ok=True)
             return FileResponse(archive, media_type="application/zip", filename="linktwin-result.zip", background=done)
         file = file_of(service, id, path)
-        there = await asyncio.to_thread(brought, service, id, path)
+        there = await as_stl(service, id, path) if kind else await asyncio.to_thread(brought, service, id, path)
     except Problem as problem:
         return Response(problem.detail, problem.status, media_type="text/plain")
-    kind = media_type(path)
+    kind = media_type(there.name)
     headers = {"X-Content-Type-Options": "nosniff", "Cache-Control": "private, max-age=3600", "ETag": file.sha256}
     if kind == "text/html":
         return FileResponse(there, media_type=kind, headers={**headers, "Content-Security-Policy": PAGES})

@@ -9,6 +9,7 @@ from typing import Any
 
 from nicegui import ui
 
+from backend.mechanism.body import SURFACES
 from backend.service.intake.folder import unpack
 from backend.service.mechanisms import DRAWING, load_mechanism, store_mechanism
 from backend.service.page.markup import drawn, empty, link, tag
@@ -74,7 +75,7 @@ def _bring(service: Service, owner: str, primary: bool) -> None:
         "Drop mechanism.json and its meshes here",
         "As linktwin export or the Fusion add-in wrote them: the files together, or one zip of the folder. A "
         "study.json with its tables is taken too.",
-        ".json,.stl,.zip,.csv,.parquet,.mp4,.mov",
+        f".json,{','.join(SURFACES)},.zip,.csv,.parquet,.mp4,.mov",
         taken,
         primary=primary,
     )
@@ -159,4 +160,4 @@ def _store(service: Service, owner: str, files: Mapping[str, Path]) -> Thing:
 
 def _placed(name: str) -> str:
     """A browser sends names without folders; exporters put meshes into meshes/."""
-    return f"meshes/{name}" if name.lower().endswith((".stl", ".ply", ".obj", ".glb")) else name
+    return f"meshes/{name}" if name.lower().endswith(SURFACES) else name

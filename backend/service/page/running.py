@@ -65,6 +65,19 @@ async def first_frame(service: Service, video: str, from_s: float = 0.0) -> Path
     return kept
 
 
+async def as_stl(service: Service, of: str, path: str) -> Path:
+    """A stored mesh of another kind as STL, made once; Problem `invalid` says in a sentence why there is none."""
+    mesh = await asyncio.to_thread(brought, service, of, path)
+    kept = mesh.with_suffix(".as.stl")
+    if not kept.exists():
+        try:
+            with whole(kept) as part:
+                await linktwin(service, "surface", str(mesh), f"--out={part}")
+        except Problem as problem:
+            raise Problem("invalid", problem.detail.replace(str(mesh), f'"{path}"') + ".") from None
+    return kept
+
+
 def brought(service: Service, of: str, path: str) -> Path:
     """A stored file on this machine, for reading; its suffix is kept."""
     file = file_of(service, of, path)

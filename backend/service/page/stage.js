@@ -2,6 +2,7 @@ import { askTime, onAsked, onPart, onScheme, onTime, pointAt, Stage, tellTime } 
 
 const PACES = [1, 0.5, 0.25, 0.1, 0.05];
 const WATCHED_S = 4; // a motion shorter than that is slowed down
+const MOST_FAULTS = 4; // told of meshes that are not shown
 const KEPT = 1200; // stamps of drawn frames, and what each cost, to see how smoothly it plays
 
 export default {
@@ -16,7 +17,9 @@ export default {
           <button v-for="view in views" :key="view.id" type="button" :title="view.title" @click="look(view.id)">{{ view.name }}</button>
         </div>
       </div>
-      <p v-if="trouble" class="stage-trouble" role="status">{{ trouble }}</p>
+      <div v-if="trouble || faults.length" class="stage-trouble" role="status">
+        {{ trouble }}<ul v-if="faults.length"><li v-for="fault in faults" :key="fault">{{ fault }}</li></ul>
+      </div>
       <div v-if="motions.length" class="stage-bar">
         <button type="button" class="stage-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'" :aria-pressed="playing">
           <svg viewBox="0 0 16 16" aria-hidden="true"><path :d="playing ? 'M4 3h3v10H4zM9 3h3v10H9z' : 'M4 2.5v11l9-5.5z'"/></svg>
@@ -36,7 +39,7 @@ export default {
     </div>`,
   props: { drawn: Object, replay: String, heat: Object, title: String, calm: Boolean, start_s: Number },
   data: () => ({
-    motions: [], which: 0, playing: false, pace: 1, paces: PACES, trouble: "",
+    motions: [], which: 0, playing: false, pace: 1, paces: PACES, trouble: "", faults: [],
     shown: { twin: true, drawing: true, seen: true, trails: true, joints: true, names: true, forces: true },
   }),
   watch: {
@@ -72,9 +75,12 @@ export default {
     this.stage.heat = this.heat || {};
     this.stage.paint();
     this.stage.ready.then((found) => {
-      const bare = found.filter((real) => !real).length;
-      if (bare === found.length) this.trouble = "No meshes came with this drawing: bodies are drawn as bars through their joints.";
-      else if (bare && found.length - bare > 0 && this.drawn.bodies.some((b, i) => b.meshes.length && !found[i])) this.trouble = "Some meshes could not be read; their bodies are drawn as bars.";
+      const meshes = this.drawn.bodies.flatMap((body) => body.meshes), faults = [...new Set(found.flat())];
+      if (!meshes.some(({ url, fault }) => url || fault)) this.trouble = "No meshes came with this drawing: bodies are drawn as bars through their joints.";
+      else if (faults.length) {
+        this.trouble = "Not every mesh is shown; bodies without one are drawn as bars through their joints.";
+        this.faults = [...faults.slice(0, MOST_FAULTS), ...(faults.length > MOST_FAULTS ? [`And ${faults.length - MOST_FAULTS} more.`] : [])];
+      }
       this.$el.dataset.ready = "yes";
     });
     this.resized = new ResizeObserver(() => this.stage.world.fit());

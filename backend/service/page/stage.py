@@ -10,7 +10,7 @@ import nicegui.elements.scene  # noqa: F401  three.js comes with it, under the i
 import numpy as np
 from nicegui.element import Element
 
-from backend.mechanism.body import Body
+from backend.mechanism.body import SURFACES, Body
 from backend.mechanism.mechanism import Mechanism
 
 BROWSER = Path(__file__).parent / "browser"
@@ -49,6 +49,7 @@ def on_stage(mechanism: Mechanism, mesh_address: Callable[[str], str | None]) ->
     """What the browser needs of a drawing: bodies with their meshes, joints, markers, what must be in view.
 
     mesh_address: the mesh's uri in the drawing -> where the browser finds the file; None where there is none.
+    meshes: each has a `url` that answers with STL, or a `fault`, a sentence; neither where the file did not come.
     points_m: in body axes, what a body without a mesh is drawn through. normal: of the plane of motion, in W; None for
     a spatial mechanism.
     """
@@ -88,8 +89,18 @@ def on_stage(mechanism: Mechanism, mesh_address: Callable[[str], str | None]) ->
 
 
 def _meshes(body: Body, mesh_address: Callable[[str], str | None]) -> list[dict[str, Any]]:
-    found = ((mesh_address(mesh.uri), mesh.scale_to_m) for mesh in body.meshes if mesh.uri.lower().endswith(".stl"))
-    return [{"url": url, "scale_to_m": scale} for url, scale in found if url is not None]
+    return [
+        {"uri": mesh.uri, "scale_to_m": mesh.scale_to_m, **_source(mesh.uri, mesh_address(mesh.uri))}
+        for mesh in body.meshes
+    ]
+
+
+def _source(uri: str, address: str | None) -> dict[str, str]:
+    if not uri.lower().endswith(SURFACES):
+        return {"fault": f'"{uri}" is no mesh that is drawn here; export it as {", ".join(SURFACES)}.'}
+    if address is None:
+        return {}
+    return {"url": address if uri.lower().endswith(".stl") else f"{address}?as=stl"}
 
 
 def plane_of_motion(mechanism: Mechanism) -> list[float] | None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from backend.mechanism.body import SURFACES
 from backend.mechanism.mechanism import Mechanism
 from backend.service.mechanisms import DRAWING, parse_drawing
-from backend.service.page.stage import on_stage
 from backend.service.page.study_view import read_stored_study
 from backend.service.records import Job
 from backend.service.service import Service
@@ -28,7 +28,8 @@ class Subject:
 
     def meshes(self) -> set[str]:
         """Paths of the meshes that the stage asks for."""
-        return {mesh["url"] for body in on_stage(self.mechanism, self.path)["bodies"] for mesh in body["meshes"]}
+        uris = {mesh.uri for body in self.mechanism.bodies for mesh in body.meshes}
+        return {self.path(uri) for uri in uris if uri.lower().endswith(SURFACES)}
 
 
 def subject_of(service: Service, job: Job) -> Subject:

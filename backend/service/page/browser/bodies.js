@@ -2,6 +2,7 @@
 import { STLLoader, THREE } from "nicegui-scene";
 
 const loader = new STLLoader();
+const MOST_FACETS = 1e6; // of one mesh: finding the edges of so many takes seconds
 const CREASE = 28; // degrees between two facets from which their common edge is drawn
 const kept = new Map(); // surfaces by address, so that the ghost of the drawing costs no second download
 
@@ -24,10 +25,25 @@ function crude(corners, cell) {
   return geometry;
 }
 
-function surface(url, scale, cell) {
-  const key = `${url} ${scale} ${cell}`;
+// What a mesh is drawn of; an error says in a sentence why there is nothing.
+async function fetched({ uri, url, fault }) {
+  const refuse = (why) => { throw new Error(why ?? `"${uri}" cannot be fetched; reload the page.`); };
+  if (!url) refuse(fault ?? `"${uri}" did not come with the drawing.`);
+  const answer = await fetch(url).catch(() => refuse());
+  if (!answer.ok) refuse(await answer.text());
+  const facets = await answer.arrayBuffer();
+  if (facets.byteLength > 84 + 50 * MOST_FACETS) refuse(`"${uri}" is too fine to be drawn here; export it with fewer than a million facets.`);
+  try {
+    const geometry = loader.parse(facets);
+    if (geometry.getAttribute("position").count) return geometry;
+  } catch { refuse(`"${uri}" is damaged; export it again.`); }
+  return refuse(`"${uri}" holds no facets; export the surface.`);
+}
+
+function surface(mesh, cell) {
+  const scale = mesh.scale_to_m, key = `${mesh.uri} ${mesh.url} ${scale} ${cell}`;
   if (!kept.has(key)) {
-    kept.set(key, loader.loadAsync(url).then((geometry) => {
+    kept.set(key, fetched(mesh).then((geometry) => {
       geometry.scale(scale, scale, scale);
       geometry.computeVertexNormals();
       const less = crude(geometry.getAttribute("position").array, cell);
@@ -92,7 +108,7 @@ export function hurry(group, on) {
   });
 }
 
-// One body in its own frame; `ready` says whether its real surface was found. cell: what is finer may be left out in haste.
+// One body in its own frame; `ready` tells what of its real surface could not be found, a sentence each. cell: what is finer may be left out in haste.
 export function makeBody(body, look, radius, cell, shy = false) {
   const group = new THREE.Group();
   const add = (geometry, edges, less = geometry) => {
@@ -108,10 +124,13 @@ export function makeBody(body, look, radius, cell, shy = false) {
   group.quaternion.set(x, y, z, w);
   if (!body.meshes.length) {
     fallback();
-    return { group, ready: Promise.resolve(false) };
+    return { group, ready: Promise.resolve([]) };
   }
-  const ready = Promise.all(body.meshes.map(({ url, scale_to_m }) => surface(url, scale_to_m, cell))).then(
-    (found) => { found.forEach(({ geometry, edges, less }) => add(geometry, edges, less)); return true; },
-    () => { fallback(); return false; });
+  const ready = Promise.allSettled(body.meshes.map((mesh) => surface(mesh, cell))).then((all) => {
+    const found = all.flatMap(({ value }) => value ?? []);
+    found.forEach(({ geometry, edges, less }) => add(geometry, edges, less));
+    if (!found.length) fallback();
+    return all.flatMap(({ reason }) => reason?.message ?? []);
+  });
   return { group, ready };
 }
