@@ -24,8 +24,9 @@ def tag(name: str, text: str = "", look: str = "", **attributes: Any) -> Element
 
 
 def link(text: str, address: str, look: str = "", **attributes: Any) -> Element:
-    """A link; an address that begins with / is one of the page's own views."""
-    return tag("a", text, look, href=ROOT + address if address.startswith("/") else address, **attributes)
+    """A link; an address that begins with / is one of the page's own, with or without the place where it is mounted."""
+    own = address.startswith("/") and not address.startswith(f"{ROOT}/")
+    return tag("a", text, look, href=ROOT + address if own else address, **attributes)
 
 
 def button(text: str, pressed: Callable[..., Any] | None = None, look: str = "act", **attributes: Any) -> Element:

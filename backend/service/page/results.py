@@ -183,7 +183,7 @@ def file_list(service: Service, job: Job, base: str) -> None:
         for file in files:
             with tag("tr"):
                 with tag("td", look="name"):
-                    link(file.path, "", target="_blank").props["href"] = base + file.path
+                    link(file.path, base + file.path, target="_blank")
                 tag("td", MEANT.get(file.path.rpartition("/")[2], ""))
                 tag("td", _size(file.bytes), "n")
 
