@@ -10,6 +10,7 @@ const TONES = 8;
 const LONGEST = 0.34; // of the mechanism's size: the arrow of the largest force
 const SMALLEST = 0.02; // of the largest force: below it an arrow is left out
 const NOTHING_N = 1e-9; // forces below that are rounding errors, and no arrow
+const BESIDE = 8; // pixels between two joints whose names would cover each other
 const DRAWN = 0.32; // opacity of the drawing behind the twin
 
 export class Stage {
@@ -84,7 +85,11 @@ export class Stage {
       if (!box.isEmpty()) reach.push(box);
     });
     reach.forEach((box) => this.box.union(box));
-    this.world.frame(this.box, this.drawn.normal, this.moved ?? reach);
+    this.world.frame(this.box, this.drawn.normal, reach);
+    if (this.motion) { // it came before some surfaces, and was framed without them
+      this.reach();
+      this.show(this.time_s);
+    }
     this.world.changed();
   }
 
@@ -169,7 +174,6 @@ export class Stage {
       this.forceNow?.forEach(([, , tip]) => boxes.push(new THREE.Box3(tip, tip)));
     }
     if (!boxes.length) boxes.push(this.box.clone()); // bodies that are nothing to be seen
-    this.moved = boxes;
     const whole = boxes.reduce((all, box) => all.union(box), new THREE.Box3());
     this.world.frame(whole, this.drawn.normal, boxes);
   }
@@ -231,7 +235,10 @@ export class Stage {
     for (const [id, mark] of this.joints) {
       const key = `joint:${id}`, hot = (this.heat[key] ?? 0) > 0.04;
       if (!(room && this.shown.joints) && !hot && this.pointed !== key) continue;
-      named.push([id, ...this.world.pixel(mark.getWorldPosition(place)), hot || this.pointed === key ? "hot" : "joint"]);
+      const [x, y] = this.world.pixel(mark.getWorldPosition(place)), look = hot || this.pointed === key ? "hot" : "joint";
+      const same = named.find((one) => Math.hypot(one[1] - x, one[2] - y) < BESIDE);
+      if (!same) named.push([id, x, y, look]);
+      else named.splice(named.indexOf(same), 1, [`${same[0]}, ${id}`, x, y, look === "hot" ? look : same[3]]);
     }
     for (const [id, dot] of this.markers) {
       const key = `marker:${id}`;
