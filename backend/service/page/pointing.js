@@ -39,7 +39,7 @@ export default {
         <button v-if="mode === 'marks'" type="button" class="act small" @click="more">Add a mark</button>
         <button v-if="mode === 'tags'" type="button" class="act small" @click="another">Add a tag</button>
       </div>
-      <div class="pointing-view" ref="view" tabindex="0" role="application" aria-label="First frame of the clip. Arrow keys move the cross, Shift with them by ten pixels, Enter places the point."
+      <div class="pointing-view" ref="view" tabindex="0" role="application" aria-label="First frame of the clip. Arrow keys move the cross, or the chosen point once it is placed; Shift with them by ten pixels, Enter places the point."
            @keydown="keyed">
         <canvas ref="canvas" @pointerdown="press" @pointermove="move" @pointerup="release" @pointerleave="away" @wheel.prevent="wheel"></canvas>
         <p v-if="trouble" class="pointing-trouble" role="alert">{{ trouble }}</p>
@@ -148,17 +148,24 @@ export default {
     away() { this.hover = null; this.paint(); },
     place([x, y]) {
       const point = this.list.find((p) => p.id === this.active);
-      if (!point || this.mode === "tags" || x < -0.5 || y < -0.5 || x > this.image.naturalWidth - 0.5 || y > this.image.naturalHeight - 0.5) return;
-      [point.x_px, point.y_px] = [Math.round(10 * x) / 10, Math.round(10 * y) / 10];
+      if (!point || this.mode === "tags" || !this.put(point, [x, y])) return;
       this.active = this.list.find((p) => !this.placed(p))?.id ?? this.active;
-      this.tell();
       this.paint();
+    },
+    put(point, [x, y]) {
+      if (x < -0.5 || y < -0.5 || x > this.image.naturalWidth - 0.5 || y > this.image.naturalHeight - 0.5) return false;
+      [point.x_px, point.y_px] = [Math.round(10 * x) / 10, Math.round(10 * y) / 10];
+      this.tell();
+      return true;
     },
     keyed(event) {
       const step = event.shiftKey ? 10 : 1, moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
       if (moves[event.key]) {
-        this.cross = [Math.round(this.cross[0]) + moves[event.key][0], Math.round(this.cross[1]) + moves[event.key][1]];
+        const point = this.list.find((p) => p.id === this.active && this.mode !== "tags" && this.placed(p));
+        const [x, y] = point ? [point.x_px, point.y_px] : this.cross.map(Math.round);
+        this.cross = [x + moves[event.key][0], y + moves[event.key][1]];
         this.hover = this.screen(this.cross);
+        if (point) this.put(point, this.cross);
       } else if (event.key === "Enter" || event.key === " ") this.place(this.cross);
       else if (event.key === "+") this.zoom(1.5, this.screen(this.cross));
       else if (event.key === "-") this.zoom(1 / 1.5, this.screen(this.cross));

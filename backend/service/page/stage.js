@@ -2,6 +2,7 @@ import { askTime, onAsked, onPart, onScheme, onTime, pointAt, Stage, tellTime } 
 
 const PACES = [1, 0.5, 0.25, 0.1, 0.05];
 const WATCHED_S = 4; // a motion shorter than that is slowed down
+const LETTER = 7.5; // pixels of a name
 const MOST_FAULTS = 4; // told of meshes that are not shown
 const KEPT = 1200; // stamps of drawn frames, and what each cost, to see how smoothly it plays
 
@@ -175,13 +176,15 @@ export default {
     label() {
       const box = this.$refs.names, named = this.stage.names();
       if (!box) return;
+      const room = box.clientWidth;
       while (box.children.length < named.length) box.append(document.createElement("span"));
       while (box.children.length > named.length) box.lastChild.remove();
       named.forEach(([text, x, y, kind], i) => {
         const tag = box.children[i];
         if (tag.textContent !== text) tag.textContent = text;
         if (tag.className !== kind) tag.className = kind;
-        tag.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+        const wide = LETTER * text.length + 16, left = x < room && x + wide > room ? x - wide : x; // of what is at the rim, before it
+        tag.style.transform = `translate(${left.toFixed(1)}px, ${y.toFixed(1)}px)`;
       });
       const mm = 1000 * this.stage.world.metresPerPixel(), most = 120 * mm;
       if (!(most > 0)) return;
