@@ -13,8 +13,11 @@ LOOK = Look(dot_radius_m=0.006, ring_radius_m=0.009, bar_width_m=0.014)
 REACH = {"middle": 0.1, "bob": 0.2}
 
 
-def film_pendulum(path: Path) -> list[dict]:
-    """Write a second of a swing; returns the bed's marks: id, x_m, y_m, x_px, y_px."""
+def film_pendulum(path: Path) -> tuple[list[dict], dict[str, tuple[float, float]]]:
+    """Write a second of a swing.
+
+    Returns the bed's marks (id, x_m, y_m, x_px, y_px), and where each dot is in the first frame [px].
+    """
     since = np.maximum(np.arange(FRAMES) - STILL, 0) / FRAMES_PER_S
     angle = np.radians(30.0) * np.cos(8.0 * since)
     places = {
@@ -25,4 +28,5 @@ def film_pendulum(path: Path) -> list[dict]:
     times = np.arange(FRAMES) / FRAMES_PER_S
     render_clip(path, times, places, (("middle", "bob"),), camera, bed, LOOK, progress=lambda done, total: None)
     assert isinstance(camera, Camera)
-    return json.loads(path.with_suffix(".bed.json").read_text(encoding="utf-8"))["marks"]
+    marks = json.loads(path.with_suffix(".bed.json").read_text(encoding="utf-8"))["marks"]
+    return marks, {id: tuple(camera.project(bed.from_world(p[0])).tolist()) for id, p in places.items()}

@@ -21,6 +21,8 @@ from backend.service.settings import Settings
 from tests.browser.meshes import draw_meshes
 
 ROOT = Path(__file__).parents[2]
+SAMPLE = ROOT / "samples" / "pendulum"
+PREPARED = Path(__file__).parent / "prepared"
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
 )
@@ -45,7 +47,7 @@ def served(folder: Path) -> Iterator[tuple[str, str]]:
     if CHROMIUM is None:
         pytest.skip("no Chromium on this machine: install the distribution's package `chromium`")
     key = _key(folder)
-    draw_meshes(ROOT / "samples" / "pendulum", folder / "scratch" / "page" / "sample-pendulum")
+    draw_meshes(SAMPLE, folder / "scratch" / "page" / "sample-pendulum")
     command = [sys.executable, "-c", "from backend.cli import main; main()"]
     environment = {
         **os.environ,
@@ -149,3 +151,26 @@ def visit(window, address: str) -> Iterator[Callable]:
 
 def _strange(url: str, here: str) -> bool:
     return not url.startswith((here, here.replace("http", "ws", 1), "data:", "blob:"))
+
+
+@pytest.fixture(scope="session")
+def study(window, address) -> str:
+    """Path of the sample's study, opened the way a newcomer does."""
+    with window() as opened:
+        page = opened.new_page()
+        page.goto(address)
+        page.click("[data-sample=pendulum]")
+        page.wait_for_url("**/studies/*")
+        return page.url.split("/ui/")[1]
+
+
+@pytest.fixture(scope="session")
+def diagnosis(window, address, study) -> str:
+    """Path of a finished diagnosis of it."""
+    with window() as opened:
+        page = opened.new_page()
+        page.goto(address + study)
+        page.get_by_role("button", name="Diagnose").click()
+        page.wait_for_url("**/jobs/*")
+        page.wait_for_selector(".badge", timeout=600_000 if SLOW else 90_000)
+        return page.url.split("/ui/")[1]

@@ -2,8 +2,8 @@
 
 `linktwin diagnose samples/pendulum/measured/study.json` takes two minutes of a core and wrote what lies in prepared/
 diagnose/ (every third frame of its motions is kept); `linktwin fit --free coulomb_friction:*` of the same study half a
-minute, `linktwin jam drawer.json --duration 0.4` as long (every sixth and tenth frame, two charts). LINKTWIN_SLOW=1
-asks the tests for the real ones.
+minute, `linktwin jam drawer.json --duration 0.4` as long (every sixth and tenth frame, two charts), `linktwin jam
+stuck.json --duration 0.03` eight seconds (whole). LINKTWIN_SLOW=1 asks the tests for the real ones.
 """
 
 import json
@@ -25,9 +25,11 @@ def prepared(kind: str, arguments: list[str]) -> int:
         told = {"part": number / (len(STEPS) + 1), "words": words}
         Path(os.environ["LINKTWIN_PROGRESS"]).write_text(json.dumps(told))
         time.sleep(0.3)  # the work that is left out
-    for file in (PREPARED / kind).iterdir():
+    own = PREPARED / f"{kind}_{json.loads(Path(arguments[0]).read_text()).get('name')}"  # of one drawing alone
+    found = own if own.exists() else PREPARED / kind
+    for file in found.iterdir():
         shutil.copyfile(file, out / file.name)
-    print((PREPARED / kind / REPORTS[kind]).read_text())
+    print((found / REPORTS[kind]).read_text())
     return 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.browser.clip import film_pendulum
-from tests.browser.test_page import bring_clip, diagnosis, point_at_marks, study  # noqa: F401  (fixtures)
+from tests.browser.pointing import bring_clip, point_at_marks
 
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 DRAWN_MS = 1500  # until the stage has drawn its first frames
@@ -20,7 +20,7 @@ def test_what_was_drawn(visit):
     page.screenshot(path=PICTURES / "page_mechanism.png")
 
 
-def test_what_is_missing(visit, diagnosis):  # noqa: F811
+def test_what_is_missing(visit, diagnosis):
     for scheme, name in (("light", "page_gap.png"), ("dark", "page_gap_dark.png")):
         page = visit(diagnosis, scheme=scheme)
         page.wait_for_selector(".stage[data-replay]")
@@ -29,7 +29,7 @@ def test_what_is_missing(visit, diagnosis):  # noqa: F811
 
 
 def test_marks_in_a_clip(visit, tmp_path):
-    marks = film_pendulum(tmp_path / "swing.mp4")
+    marks, _ = film_pendulum(tmp_path / "swing.mp4")
     page = visit()
     bring_clip(page, tmp_path / "swing.mp4")
     point_at_marks(page, marks)

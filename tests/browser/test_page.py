@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 import json
-import re
-from pathlib import Path
-
-import pytest
 
 from backend.service.keys import make_key, revoke_key
 from backend.service.service import open_service
 from backend.service.settings import Settings
-from tests.browser.clip import film_pendulum
-from tests.browser.conftest import COOKIE, SLOW
+from tests.browser.conftest import COOKIE, PREPARED, SAMPLE
 from tests.browser.cost import spent_s
 
-PREPARED = Path(__file__).parent / "prepared"
-SAMPLE = Path(__file__).parents[2] / "samples" / "pendulum"
 PLAYED_MS = 1500
 FRAMES = """async (ms) => {
   const stage = document.querySelector(".stage"), play = stage.querySelector(".stage-play");
@@ -24,29 +17,6 @@ FRAMES = """async (ms) => {
   const stamps = stage.stamps, busy = [...stage.busy].sort((a, b) => a - b);
   return [1000 * (stamps.length - 1) / (stamps.at(-1) - stamps[0]), busy[Math.floor(busy.length / 2)], stamps.length];
 }"""
-
-
-@pytest.fixture(scope="module")
-def study(window, address) -> str:
-    """Path of the sample's study, opened the way a newcomer does."""
-    with window() as opened:
-        page = opened.new_page()
-        page.goto(address)
-        page.click("[data-sample=pendulum]")
-        page.wait_for_url("**/studies/*")
-        return page.url.split("/ui/")[1]
-
-
-@pytest.fixture(scope="module")
-def diagnosis(window, address, study) -> str:
-    """Path of a finished diagnosis of it."""
-    with window() as opened:
-        page = opened.new_page()
-        page.goto(address + study)
-        page.get_by_role("button", name="Diagnose").click()
-        page.wait_for_url("**/jobs/*")
-        page.wait_for_selector(".badge", timeout=600_000 if SLOW else 90_000)
-        return page.url.split("/ui/")[1]
 
 
 def test_a_newcomer_goes_from_a_sample_to_its_gap_report(visit, study, diagnosis):
@@ -148,6 +118,25 @@ def test_an_open_view_ends_with_its_key(visit, served, folder):
     service.close()
 
 
+def test_who_has_nothing_yet_is_told_what_to_do(visit, served, folder):
+    service = open_service(Settings(data_folder=str(folder)))
+    _, text = make_key(service.database, "beginner")
+    service.close()
+    page = visit(signed_in=False)
+    page.context.add_cookies([{"name": COOKIE, "value": text, "url": served[0]}])
+    page.goto(served[0])
+    assert page.locator("h2").all_inner_texts() == ["Samples", "Bring your own"]  # no list of nothing
+    assert "begin here" in page.locator("[data-sample=pendulum]").inner_text()
+    drop = page.locator(".drop")
+    assert "Drop mechanism.json and its meshes here" in drop.inner_text()
+    assert drop.get_by_role("button", name="Choose files").is_visible()
+    page.get_by_role("link", name="Work", exact=True).click()
+    page.get_by_text("Nothing was asked yet").wait_for()
+    assert "ask whether it jams, or open a study and diagnose it" in page.locator(".empty").inner_text()
+    page.get_by_role("link", name="To the mechanisms").click()
+    page.locator("[data-sample=pendulum]").wait_for()
+
+
 def test_work_is_watched_and_cancelled(visit, tmp_path):
     page = visit()
     page.set_input_files("input[type=file]", SAMPLE / "mechanism.json")
@@ -229,45 +218,3 @@ def test_what_is_wrong_with_a_drawing_is_said_with_its_remedy(visit, tmp_path):
     for lost in ("mechanisms/nowhere", "nowhere/at/all"):
         page.goto(home + lost)
         assert "To your mechanisms" in page.locator("#content").inner_text()
-
-
-def bring_clip(page, clip: Path) -> None:
-    """Open the sample's drawing and drop a clip of the real one."""
-    page.set_input_files("input[type=file]", SAMPLE / "mechanism.json")
-    page.wait_for_url("**/mechanisms/*")
-    page.get_by_role("link", name="Measure the real one").click()
-    page.wait_for_selector(".drop")
-    page.set_input_files("input[type=file]", clip)
-    page.wait_for_selector(".pointing[data-ready]")
-
-
-def point_at_marks(page, marks: list[dict]) -> None:
-    """Type where every other mark of the bed is, and click on it."""
-    box = page.locator(".pointing-view canvas").bounding_box()
-    scale = min(box["width"] / 640, box["height"] / 360)
-    left, top = box["x"] + (box["width"] - 640 * scale) / 2, box["y"] + (box["height"] - 360 * scale) / 2
-    for name, mark in zip("ABCD", marks[::2], strict=True):
-        page.fill(f'[aria-label="x of {name} in mm"]', str(1e3 * mark["x_m"]))
-        page.fill(f'[aria-label="y of {name} in mm"]', str(1e3 * mark["y_m"]))
-        page.mouse.click(left + (mark["x_px"] + 0.5) * scale, top + (mark["y_px"] + 0.5) * scale)
-        placed = page.locator(".pointing-list li", has_text=re.compile(f"^{name}")).locator(".pointing-name span")
-        x_px, y_px = (float(number) for number in placed.inner_text().removesuffix(" px").split(","))
-        assert abs(x_px - mark["x_px"]) < 1.0  # a click falls on a whole pixel of the screen
-        assert abs(y_px - mark["y_px"]) < 1.0
-
-
-def test_a_clip_is_marked_by_clicks_tracked_and_becomes_a_study(visit, tmp_path):
-    marks = film_pendulum(tmp_path / "swing.mp4")
-    page = visit()
-    bring_clip(page, tmp_path / "swing.mp4")
-    assert page.get_by_role("button", name="Track the dots").is_disabled()
-    point_at_marks(page, marks)
-    page.get_by_role("button", name="Track the dots").click()
-    page.wait_for_selector(".film[data-ready]")
-    page.get_by_role("link", name="Make a study of the runs").click()
-    page.wait_for_selector("table")
-    let_go = float(page.get_by_label("swing let go at").input_value())
-    assert abs(let_go - 0.2) < 0.05  # frame 12 of 60 a second; a twentieth of a second is three frames
-    page.get_by_role("button", name="Save the study").click()
-    page.wait_for_url("**/studies/*")
-    assert "swing" in page.locator("table").inner_text()

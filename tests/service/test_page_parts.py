@@ -265,9 +265,7 @@ def test_few_frames_of_a_clip_are_kept_whatever_is_asked_for(tmp_path, monkeypat
 def test_each_mesh_is_asked_for_as_stl_or_its_fault_is_told():
     text = (SAMPLES / "fourbar" / "mechanism.json").read_text()
     text = text.replace("coupler.stl", "coupler.GLB").replace("frame.stl", "frame.step")
-    drawn = on_stage(
-        parse_mechanism(json.loads(text), "it"), lambda uri: None if "crank" in uri else f"/files/{uri}"
-    )
+    drawn = on_stage(parse_mechanism(json.loads(text), "it"), lambda uri: None if "crank" in uri else f"/files/{uri}")
     meshes = {body["id"]: body["meshes"] for body in drawn["bodies"]}
     assert meshes["crank"] == [{"uri": "meshes/crank.stl", "scale_to_m": 0.001}]  # it was not sent
     assert meshes["rocker"][0]["url"] == "/files/meshes/rocker.stl"
