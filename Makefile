@@ -41,9 +41,10 @@ BENCHMARKS := $(basename $(notdir $(shell grep -l __main__ benchmarks/*.py)))
 bench: $(INSTALLED)
 	@for name in $(BENCHMARKS); do echo "== $$name"; $(BIN)/python -m benchmarks.$$name || exit 1; done
 
-# Universal: one lock for every Python from 3.11 up. Hosts of registries stay out of it.
+# Universal: one lock for every Python from 3.11 up. Hosts of registries stay out of it, and so does the extra s3, whose
+# botocore would take python-dateutil back from 4 to 2.9.
 lock: $(INSTALLED)
-	$(BIN)/uv pip compile pyproject.toml --all-extras --universal --generate-hashes \
+	$(BIN)/uv pip compile pyproject.toml $(addprefix --extra ,cad service peers dev) --universal --generate-hashes \
 	    --no-emit-index-url --no-header --quiet --output-file requirements.lock
 
 clean:

@@ -37,7 +37,7 @@ def serve(
                 f"LINKTWIN_REQUIRE_KEYS=false holds on loopback alone, and {settings.host} is reached from elsewhere: "
                 "make a key with `linktwin key new OWNER` and leave the variable out, or listen on 127.0.0.1"
             )
-        has_key = _has_key(settings)  # opens database and storage once, before anything is started on them
+        has_key = _proven(settings)
         if settings.keys_required and not has_key:
             raise ValueError(
                 f"listening on {settings.host} needs an API key, and there is none: make one with "
@@ -83,12 +83,14 @@ def _given(**options: object) -> dict:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def _has_key(settings: object) -> bool:
+def _proven(settings: object) -> bool:
+    """Use database and storage once, before anything is started on them; whether there is a key."""
     from backend.service.keys import any_key
     from backend.service.service import open_service
 
     service = open_service(settings)  # pyright: ignore[reportArgumentType]
     try:
+        service.storage.prove()
         return any_key(service.database)
     finally:
         service.close()

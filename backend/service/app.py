@@ -19,6 +19,7 @@ from backend.service.logs import logger
 from backend.service.problems import MEDIA_TYPE, Problem, disk_full, phrase
 from backend.service.routes import health, jobs, stored
 from backend.service.service import Service
+from backend.service.storage import StorageAway
 
 ABOUT = """Store a mechanism, films or tables of the real one, and start jobs: track, fit, jam, diagnose, simulate.
 Every failure is a problem document (RFC 9457) that says what to do.  Units are SI, spelled in the names."""
@@ -110,6 +111,12 @@ def _on_system(request: Request, error: Any) -> JSONResponse:
     return _answer(said, request)
 
 
+def _on_storage(request: Request, error: Any) -> JSONResponse:
+    logger().error("storage", path=request.url.path, error=str(error)[:500])
+    said = Problem("unavailable", "The storage does not answer; try again in a while.", headers={"Retry-After": "5"})
+    return _answer(said, request)
+
+
 def _on_failure(request: Request, error: Any) -> JSONResponse:
     logger().error("failed", path=request.url.path, exc_info=error)
     return _answer(
@@ -122,6 +129,7 @@ HANDLERS: dict[Any, Any] = {
     RequestValidationError: _on_invalid,
     HTTPException: _on_http,
     OperationalError: _on_busy,
+    StorageAway: _on_storage,
     OSError: _on_system,
     Exception: _on_failure,
 }

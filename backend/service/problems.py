@@ -24,6 +24,7 @@ KINDS: dict[str, tuple[int, str]] = {
     "length-required": (411, "The length of the upload is needed"),
     "too-large": (413, "That is too large"),
     "wrong-type": (415, "That is not a kind of file taken here"),
+    "no-such-part": (416, "The file has no such part"),
     "misdirected": (421, "The service is not known by that name"),
     "invalid": (422, "The input has faults"),
     "key-reused": (422, "The Idempotency-Key stood for another request"),

@@ -57,8 +57,7 @@ def _drop_checkpoints(service: Service) -> None:
         if of.removeprefix(CHECKPOINT) not in wanted:
             with service.database.writing() as session:
                 keys = drop_files(session, of)
-            for key in keys:
-                service.storage.drop(key)
+            service.storage.let_go(keys)
 
 
 def _drop_strays(service: Service, before: float) -> None:

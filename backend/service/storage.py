@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -14,6 +13,9 @@ from pathlib import Path
 from typing import Any
 
 CHUNK = 2**20
+BLOCK = (
+    8 * CHUNK
+)  # of an object store at once, in memory; s3fs alone would take 50 MiB for each file it reads or writes
 OWNER = "database.sha256"  # beside the files: whose they are
 
 
@@ -26,22 +28,46 @@ class Kept:
     sha256: str
 
 
+class StorageAway(Exception):
+    """An object store does not answer, or refuses; what its own library raised is the cause."""
+
+
 class Storage:
-    """Puts, reads and drops files; on a plain folder no copy is made to hand one to a job."""
+    """Puts, reads and drops files; on a plain folder no copy is made to hand one to a job.
+
+    Beyond what each method tells, StorageAway is raised where an object store fails, OSError where a folder does.
+    """
 
     def __init__(self, url: str):
         import fsspec
 
         try:
-            self.files, self.root = fsspec.core.url_to_fs(url)
+            # Other processes write and drop files too: a list that is remembered hides theirs.
+            self.files, self.root = fsspec.core.url_to_fs(url, use_listings_cache=False)
         except (ImportError, ValueError) as error:
             raise ValueError(
                 f"the storage {url.partition('://')[0]}:// cannot be opened: {error}. Install its fsspec package "
-                "beside linktwin (s3fs for s3://, gcsfs for gs://), or name a folder"
+                "(pip install 'linktwin[s3]' for s3://, gcsfs for gs://), or name a folder"
             ) from error
-        self.is_local = "file" in _protocols(self.files)
+        protocols = _protocols(self.files)
+        self.url = f"{protocols[0]}://{self.root}"
+        self.is_local = "file" in protocols
         if self.is_local:
             Path(self.root).mkdir(parents=True, exist_ok=True)
+
+    def prove(self) -> None:
+        """Write, read and drop a few bytes.  ValueError where that fails: no such bucket, a key that opens nothing."""
+        place = f"{self.root}/{uuid.uuid4()}"
+        try:
+            self.files.pipe_file(place, b"linktwin")
+            self.files.cat_file(place)
+            self.files.rm_file(place)
+        except Exception as error:  # each store's library has its own
+            raise ValueError(
+                f"nothing can be kept in the storage {self.url}: {str(error).rstrip('.')}. Make the bucket where there "
+                "is none, and see that endpoint and credentials (AWS_ENDPOINT_URL, AWS_ACCESS_KEY_ID and "
+                "AWS_SECRET_ACCESS_KEY for s3://) may write, read and delete there"
+            ) from error
 
     def put(self, path: Path) -> Kept:
         """Keep a copy of a file; whole or not at all."""
@@ -51,7 +77,7 @@ class Storage:
         if self.is_local:
             Path(place).parent.mkdir(parents=True, exist_ok=True)
         try:
-            with path.open("rb") as source, self.files.open(part, "wb") as target:
+            with self._asked(), path.open("rb") as source, self.files.open(part, "wb", block_size=BLOCK) as target:
                 while chunk := source.read(CHUNK):
                     digest.update(chunk)
                     size += len(chunk)
@@ -67,15 +93,17 @@ class Storage:
             raise
         return Kept(key, size, digest.hexdigest())
 
-    def chunks(self, key: str) -> Iterator[bytes]:
-        """Its bytes, a MiB at a time; FileNotFoundError where it is gone."""
-        with self.files.open(self._place(key), "rb") as source:
-            while chunk := source.read(CHUNK):
+    def chunks(self, key: str, start: int = 0, stop: int | None = None) -> Iterator[bytes]:
+        """Its bytes from one on, up to another, a MiB at a time; FileNotFoundError where it is gone."""
+        with self._asked(), self.files.open(self._place(key), "rb", block_size=BLOCK) as source:
+            source.seek(start)
+            while chunk := source.read(CHUNK if stop is None else min(CHUNK, stop - source.tell())):
                 yield chunk
 
     def read(self, key: str) -> bytes:
-        """All its bytes."""
-        return b"".join(self.chunks(key))
+        """All its bytes; FileNotFoundError where it is gone."""
+        with self._asked():
+            return self.files.cat_file(self._place(key))
 
     def bring(self, key: str, to: Path) -> None:
         """Lay a file at a path of this machine, for reading."""
@@ -84,19 +112,20 @@ class Storage:
             if self.is_local:
                 part.symlink_to(self._place(key))
                 return
-            with self.files.open(self._place(key), "rb") as source, part.open("wb") as target:
-                shutil.copyfileobj(source, target, CHUNK)
-
-    def path(self, key: str) -> Path | None:
-        """Where a file lies on this machine; None in an object store."""
-        return Path(self._place(key)) if self.is_local else None
+            with part.open("wb") as target:
+                for chunk in self.chunks(key):
+                    target.write(chunk)
 
     def drop(self, key: str) -> None:
         """Remove it; one that is gone is no error."""
-        try:
+        with suppress(FileNotFoundError), self._asked():
             self.files.rm_file(self._place(key))
-        except FileNotFoundError:
-            return
+
+    def let_go(self, keys: Iterable[str]) -> None:
+        """Remove files that no record names any more; what cannot be removed now is tidied up later."""
+        with suppress(Exception):  # a store that is away is not asked for each of them
+            for key in keys:
+                self.drop(key)
 
     def owner(self) -> str | None:
         """Which database's files these are, as `belong_to` was told; None before."""
@@ -119,6 +148,17 @@ class Storage:
 
     def _place(self, key: str) -> str:
         return f"{self.root}/{key[:2]}/{key}"
+
+    @contextmanager
+    def _asked(self) -> Iterator[None]:
+        try:
+            yield
+        except FileNotFoundError:
+            raise
+        except Exception as error:
+            if self.is_local:
+                raise
+            raise StorageAway(f"the storage {self.url} failed: {error}") from error
 
 
 @contextmanager

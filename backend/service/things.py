@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import mimetypes
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -70,8 +70,7 @@ def keep_thing(
         return thing
     finally:
         if not committing:
-            for file in kept.values():
-                service.storage.drop(file.key)
+            service.storage.let_go(file.key for file in kept.values())
 
 
 def stored(of: str, path: str, kept: Kept) -> StoredFile:
@@ -120,11 +119,6 @@ def file_of(service: Service, of: str, path: str) -> StoredFile:
     return found
 
 
-def read_file(service: Service, file: StoredFile) -> Iterator[bytes]:
-    """Its bytes, piece by piece."""
-    return service.storage.chunks(file.key)
-
-
 def delete_thing(service: Service, owner: str, kind: Kind, id: str) -> None:
     """Drop a thing and its files; Problem `in-use` while an unfinished job needs it."""
     with service.database.writing() as session:
@@ -139,8 +133,7 @@ def delete_thing(service: Service, owner: str, kind: Kind, id: str) -> None:
         forget(session, thing.id)
         session.delete(thing)
         refund(session, owner, thing.bytes)
-    for key in keys:
-        service.storage.drop(key)
+    service.storage.let_go(keys)
 
 
 def drop_files(session: Session, of: str) -> list[str]:

@@ -336,14 +336,13 @@ def test_a_file_on_its_way_is_served_to_nobody(tmp_path, monkeypatch):
     kept = files_of(service, ID)[0].key
     seen = []
 
-    def breaks_off(source, target, size):
-        target.write(b"half")
-        target.flush()
+    def breaks_off(key):
+        yield b"half"
         seen.append(running.place(service, f"{kept}.mp4").exists())
         raise ConnectionError
 
     with monkeypatch.context() as line:
-        line.setattr("backend.service.storage.shutil.copyfileobj", breaks_off)
+        line.setattr(service.storage, "chunks", breaks_off)
         with pytest.raises(ConnectionError):
             running.brought(service, ID, "clip.mp4")
     assert seen == [False]

@@ -341,3 +341,46 @@ def test_clicks_may_be_left_empty_and_are_counted(client, drawing):
     assert client.post("/api/v1/jobs", json=asked).status_code == 404  # no such clip; the request itself is sound
     many = {f"m{k}": (1.0, 2.0) for k in range(1001)}
     assert client.post("/api/v1/jobs", json={**asked, "clicks": many}).status_code == 422
+
+
+@pytest.mark.parametrize("url", [None, "memory://linktwin-parts"], ids=["folder", "object store"])
+def test_a_file_comes_in_the_part_that_is_asked_for(opened, url):
+    _, client = opened(storage_url=url)
+    film = clip(3 * 2**20)
+    stored = client.put("/api/v1/videos", content=film).json()["files"][0]
+    whole = client.get(stored["url"])
+    assert (whole.status_code, whole.content, whole.headers["accept-ranges"]) == (200, film, "bytes")
+    size, etag = len(film), whole.headers["etag"]
+
+    def part(asked, **more):
+        answer = client.get(stored["url"], headers={"Range": asked, **more})
+        return answer.status_code, answer.headers.get("content-range"), answer.content
+
+    assert part("bytes=0-0") == (206, f"bytes 0-0/{size}", film[:1])
+    assert part("Bytes=1048570-2097160") == (206, f"bytes 1048570-2097160/{size}", film[1048570:2097161])
+    assert part("bytes=3145000-") == (206, f"bytes 3145000-{size - 1}/{size}", film[3145000:])
+    assert part("bytes=-7") == (206, f"bytes {size - 7}-{size - 1}/{size}", film[-7:])
+    assert part(f"bytes=-{9 * size}") == (206, f"bytes 0-{size - 1}/{size}", film)
+    assert part(f"bytes=5-{9 * size}", **{"If-Range": etag}) == (206, f"bytes 5-{size - 1}/{size}", film[5:])
+    for ignored in ("bytes=0-1,5-6", "bytes=9-3", "bytes=-", "lines=0-1", "bytes=x-", "bytes=0-" + "9" * 40, ""):
+        assert part(ignored) == (200, None, film), ignored
+    assert part("bytes=0-1", **{"If-Range": '"another"'}) == (200, None, film)
+    for none in (f"bytes={size}-", "bytes=-0"):
+        refusal = client.get(stored["url"], headers={"Range": none})
+        refused(refusal, 416, "no-such-part")
+        assert refusal.headers["content-range"] == f"bytes */{size}"
+
+
+def test_a_storage_that_is_away_is_said_to_be_and_keeps_nothing_from_being_deleted(opened, monkeypatch):
+    service, client = opened(storage_url="memory://linktwin-away")
+    drawing = client.post("/api/v1/mechanisms", content=FOURBAR.read_bytes(), headers=JSON).json()
+
+    def away(*given, **more):
+        raise RuntimeError("whatever a store's library raises")
+
+    for name in ("open", "cat_file", "rm_file"):
+        monkeypatch.setattr(service.storage.files, name, away)
+    refused(client.get(drawing["files"][0]["url"]), 503, "unavailable")
+    refused(client.put("/api/v1/videos", content=clip()), 503, "unavailable")
+    assert client.delete(f"/api/v1/mechanisms/{drawing['id']}").status_code == 204
+    assert client.get("/api/v1/mechanisms").json()["total"] == 0

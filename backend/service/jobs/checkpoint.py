@@ -57,8 +57,7 @@ class Checkpoints:
         """Forget them: the job has ended."""
         with self.service.database.writing() as session:
             keys = drop_files(session, self.of)
-        for key in keys:
-            self.service.storage.drop(key)
+        self.service.storage.let_go(keys)
 
     def _keep(self, path: Path) -> None:
         copy = path.with_name(f".{path.name}.copied")
@@ -78,5 +77,4 @@ class Checkpoints:
                     session.delete(file)
                 session.flush()
                 session.add(stored(self.of, path.name, kept))
-        for key in stale:
-            self.service.storage.drop(key)
+        self.service.storage.let_go(stale)

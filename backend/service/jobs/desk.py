@@ -110,8 +110,7 @@ def forget_job(service: Service, job: Job) -> None:
         forget(session, job.id)
         session.delete(there)
         refund(session, job.owner, there.bytes)
-    for key in keys:
-        service.storage.drop(key)
+    service.storage.let_go(keys)
 
 
 def progress_of(job: Job) -> Progress:

@@ -141,8 +141,7 @@ def _publish(service: Service, mine: Claim, folder: Path, ended: Ended) -> bool:
     code = ended.code if ended.stopped is None and ended.code >= 0 else None
     if published := finish(service, mine, state, files, _message(ended, folder, mine), code):
         return published
-    for file in files:
-        service.storage.drop(file.key)
+    service.storage.let_go(file.key for file in files)
     return False
 
 
@@ -163,9 +162,7 @@ def _files(service: Service, mine: Claim, folder: Path) -> list[StoredFile]:
         for path in wanted[:MOST_FILES]:
             files.append(stored(mine.job.id, path.relative_to(out).as_posix(), service.storage.put(path)))
     except Exception:
-        with suppress(Exception):  # no record names them; what cannot be dropped now is tidied up later
-            for file in files:
-                service.storage.drop(file.key)
+        service.storage.let_go(file.key for file in files)
         raise
     return files
 

@@ -36,7 +36,7 @@ from backend.service.jobs.desk import (
 )  # fmt: skip
 from backend.service.jobs.requests import JobRequest
 from backend.service.problems import Problem
-from backend.service.routes.things import FILE, FilePath, send_file
+from backend.service.routes.things import FILE, FilePath, ThePart, send_file
 from backend.service.routes.uploads import json_alone
 from backend.service.service import Service
 from backend.service.states import FINISHED, State
@@ -164,10 +164,10 @@ def get_files(id: UUID, service: TheService, owner: TheOwner) -> list[FileAnswer
     return [file_answer(file, f"{API}/jobs/{id}") for file in job_files(service, owner, str(id))]
 
 
-@router.get("/{id}/files/{path:path}", response_class=Response, responses={**may_fail("not-found"), **FILE})
-def get_file(id: UUID, path: FilePath, service: TheService, owner: TheOwner) -> Response:
+@router.get("/{id}/files/{path:path}", response_class=Response, responses=FILE)
+def get_file(id: UUID, path: FilePath, service: TheService, owner: TheOwner, asked: ThePart) -> Response:
     """One file that the job wrote."""
-    return send_file(service, job_file(service, owner, str(id), path))
+    return send_file(service, job_file(service, owner, str(id), path), asked)
 
 
 async def _events(service: Service, owner: str, id: str, may: Callable[[], object]) -> AsyncIterator[ServerSentEvent]:
