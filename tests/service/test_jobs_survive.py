@@ -1,5 +1,6 @@
 """Jobs are done, once, whatever dies on the way; the service is killed as kill -9 does it."""
 
+import math
 import os
 import signal
 import sqlite3
@@ -37,6 +38,10 @@ def test_a_job_tells_its_progress_and_then_its_result(served, drawing):
     parts = [data["part"] for _, data in told]
     assert parts == sorted(parts)
     assert any(0.0 < part < 1.0 for part in parts)
+    going_on = [data["remaining_s"] for _, data in told if data["state"] == "running" and data["part"] > 0.02]
+    assert going_on
+    assert all(math.isfinite(remaining_s) and remaining_s >= 0.0 for remaining_s in going_on)
+    assert told[-1][1]["remaining_s"] == 0.0
     result = served.client.get(f"/api/v1/jobs/{id}/result").json()
     assert result["report"] == {"mechanism": "fourbar"}
     assert {file["path"] for file in result["files"]} == {"inner/motion.csv", "report.json"}
