@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from backend.diagnose.library import families
 from backend.mechanism.read import write_mechanism
 from backend.service.service import open_service
 from backend.service.settings import Settings
@@ -16,6 +17,7 @@ from tests.jam.weak import DRIVE, DRY, RUN, weak_bar
 from tests.service.serving import pendulum, serving, settings_in, until
 
 pytestmark = pytest.mark.nightly
+LIBRARY = {"coulomb_friction", "viscous_friction"}  # what the diagnosis may call upon
 
 
 def test_a_real_fit_whose_worker_is_killed_goes_on_where_it_was(tmp_path):
@@ -47,6 +49,36 @@ def test_a_real_fit_whose_worker_is_killed_goes_on_where_it_was(tmp_path):
         assert abs(one["value"] - other["value"]) < 0.01 * one["sd"]
         assert abs(one["sd"] / other["sd"] - 1) < 1e-3
         records.close()
+
+
+def test_a_real_diagnosis_whose_worker_is_killed_ends_with_the_gap_of_one_left_alone(tmp_path):
+    settings = settings_in(tmp_path, workers=1, checkpoint_s=0.1, job_command=Settings().job_command)
+    with serving(tmp_path, settings) as served:
+        records = open_service(settings)
+        study = served.store_study(pendulum("low"))
+        left_out = [kind for kinds in families().values() for kind in kinds if kind not in LIBRARY]
+        asked = {"kind": "diagnose", "study": study, "without": left_out}
+
+        def kept(id: str) -> int:
+            files = [file for file in files_of(records, CHECKPOINT + id) if file.path == "diagnosis.kept.jsonl"]
+            try:
+                return len(records.storage.read(files[0].key).splitlines()) - 1 if files else 0
+            except FileNotFoundError:  # a longer one took its place meanwhile
+                return kept(id)
+
+        whole, cut = served.ask(asked), served.ask(asked)
+        assert served.finished(whole)["attempt"] == 1
+        until("some fits are kept", lambda: kept(cut) >= 3)
+        (worker,) = served.processes("backend.service.jobs")
+        os.kill(worker, signal.SIGKILL)
+        assert "--resume" in until("it is begun again", lambda: _command_after(served, worker, cut))
+        job = served.finished(cut)
+        assert (job["state"], job["attempt"]) == ("succeeded", 2), job
+        first, second = (served.client.get(f"/api/v1/jobs/{id}/files/gap.json").json() for id in (whole, cut))
+        records.close()
+    assert first.pop("wall_s") > 0.0
+    assert second.pop("wall_s") > 0.0
+    assert first == second
 
 
 def test_a_real_ensemble_whose_worker_is_killed_keeps_its_finished_chunks(tmp_path):
