@@ -11,7 +11,7 @@ from backend.service.records import ApiKey
 from backend.service.states import FINISHED
 from tests.service.asked import refused
 from tests.service.conftest import JSON
-from tests.service.serving import FOURBAR, events, settings_in
+from tests.service.serving import FOURBAR, events, serving, settings_in
 
 
 def key_of(service, owner):
@@ -103,6 +103,18 @@ def test_who_asks_too_often_is_told_when_to_come_back(opened):
     assert [answer.status_code for answer in answers[:5]] == [200] * 5
     refused(answers[-1], 429, "too-often")
     assert int(answers[-1].headers["retry-after"]) >= 1
+
+
+def test_views_are_counted_by_address_and_what_they_are_made_of_is_not(tmp_path):
+    with serving(tmp_path, settings_in(tmp_path, workers=0, requests_per_minute=6, request_burst=5)) as served:
+        views = [served.client.get(f"/ui/{at}") for at in ("", "work", "nowhere", "", "mechanisms/x", "", "nowhere")]
+        assert [view.status_code for view in views[:5]] == [200] * 5
+        assert [view.status_code for view in views[5:]] == [429] * 2
+        assert int(views[-1].headers["retry-after"]) >= 1
+        assert "try again in" in views[-1].text
+        parts = [served.client.get("/ui/favicon.ico") for _ in range(7)]
+        assert [(part.status_code, part.headers["content-type"]) for part in parts] == [(200, "image/svg+xml")] * 7
+        assert served.client.get("/api/v1/jobs").status_code == 200  # which is counted by itself
 
 
 def test_a_key_is_one_asker_however_it_is_written_and_invented_keys_are_counted_together(opened):

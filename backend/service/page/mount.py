@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fastapi import FastAPI, Form
-from fastapi.responses import RedirectResponse, Response
+from fastapi.responses import FileResponse, RedirectResponse, Response
 from nicegui import core, ui
 
 from backend.service.keys import owner_of
@@ -21,7 +21,7 @@ from backend.service.page import (  # noqa: F401  each declares its views
 from backend.service.page.access import COOKIE, REFUSED
 from backend.service.page.files import add_files
 from backend.service.page.late import ROOT
-from backend.service.page.shell import page
+from backend.service.page.shell import page, serve_views
 from backend.service.page.shell import service as served
 from backend.service.problems import Problem
 from backend.service.service import Service
@@ -36,7 +36,7 @@ def mount_page(app: FastAPI, service: Service) -> FastAPI:
     A process serves one service at a time: the one mounted last.
     """
     global _mounted
-    core.app.state.linktwin = service
+    serve_views(service)
     if _mounted:  # NiceGUI is one application per process
         app.mount(ROOT, core.app)
         return core.app
@@ -48,8 +48,13 @@ def mount_page(app: FastAPI, service: Service) -> FastAPI:
         app, mount_path=ROOT, title="linktwin", favicon=ICON, dark=None, tailwind=False, show_welcome_message=False,
         reconnect_timeout=30.0,
     )  # fmt: skip
+    core.app.get("/favicon.ico", include_in_schema=False)(_icon)  # NiceGUI's own comes later, and too late
     page("/{rest:path}")(_lost)  # the last route: whatever no other one takes
     return core.app
+
+
+def _icon() -> Response:
+    return FileResponse(ICON)
 
 
 def _lost(service: Service, owner: str, rest: str) -> None:

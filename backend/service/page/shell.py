@@ -10,9 +10,10 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from fastapi import Request
+from fastapi import Depends, HTTPException, Request
 from nicegui import core, ui
 
+from backend.service.gate import Buckets
 from backend.service.page.access import COOKIE, owner_from
 from backend.service.page.late import ROOT
 from backend.service.page.markup import button, drawn, empty, link, notice, tag
@@ -40,6 +41,13 @@ STYLE = Path(__file__).parent / "style.css"
 def service() -> Service:
     """The service that is served."""
     return core.app.state.linktwin
+
+
+def serve_views(served: Service) -> None:
+    """Say which service the views are of."""
+    settings = served.settings
+    core.app.state.linktwin = served
+    core.app.state.views = Buckets(settings.requests_per_minute, settings.request_burst)
 
 
 @contextmanager
@@ -97,9 +105,16 @@ def page(path: str, open_to_all: bool = False) -> Callable[[Callable[..., Any]],
             [first, *(p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in kept)]
         )
         shown.__annotations__ = {"request": Request, **{p.name: p.annotation for p in kept}}
-        return ui.page(path, response_timeout=30.0)(shown)
+        return ui.page(path, response_timeout=30.0, dependencies=[Depends(_counted)])(shown)
 
     return made
+
+
+def _counted(request: Request) -> None:
+    """Refuse (429) what is beyond the requests granted to an address: a view takes memory for a minute, seen or not."""
+    if wait_s := core.app.state.views.wait_s(request.client.host if request.client else ""):
+        said = f"Too many views were opened from here; try again in {wait_s:.1f} s."
+        raise HTTPException(429, said, headers={"Retry-After": str(max(1, round(wait_s)))})
 
 
 def _end_with_its_key(request: Request) -> None:
