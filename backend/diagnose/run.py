@@ -24,7 +24,7 @@ from backend.diagnose.overpromise import overpromise
 from backend.diagnose.screen import Screen, library_slopes
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
 from backend.diagnose.softness import softness
-from backend.diagnose.standards import ALPHA, STRICT, SURE, WIDE, form
+from backend.diagnose.standards import STRICT, SURE, WIDE, form
 from backend.diagnose.subject import SAME, Subject, prepare
 from backend.diagnose.unknown import unknown_evidence
 from backend.diagnose.verdict import make_report
@@ -36,6 +36,7 @@ from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study, driven_effects
 from backend.model.build import build
 
+UNUSUAL = 0.05  # p below which causes are weighed against nothing amiss: how often one may be named where nothing is
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
 CLOSE = 8  # explanations that held-out experiments are asked about
 MOST_OF_IT = 0.9  # of the held-out gap: what a form that is a little wrong has to remove
@@ -122,7 +123,7 @@ class _Inquiry:
         p = self.p_gap(about, at_base)
         model_free = place_evidence(baseline.fitted, latent, self.scale)
         first = self.held_out(baseline)
-        if p > ALPHA and baseline.fitted.fraction == 1.0:
+        if p > UNUSUAL and baseline.fitted.fraction == 1.0:
             return self.report("none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first)
         singles = self.search.level([baseline], REFITS)
         if p > CLEAR and baseline.fitted.fraction == 1.0 and self.doubtful(baseline, singles):
@@ -132,12 +133,14 @@ class _Inquiry:
         self.scale = climb.scale
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb)
 
-    def doubtful(self, baseline: Cause, singles: list[Cause]) -> bool:
-        """Whether nothing amiss is likelier than any cause or unknown law, though a test found the data unusual."""
+    def doubtful(self, baseline: Cause, causes: list[Cause]) -> bool:
+        """Whether nothing amiss is likelier than all named causes together, and no unknown law beyond doubt, though a
+        test found the data unusual.
+        """
         z = unknown_evidence(baseline.fitted, self.search.latent, self.search.raw, self.scale)
         count = len(self.subject.library.candidates)
-        belief = weigh(baseline, singles, count, scale=self.scale, unknown_log_z=log_mean(list(z.values())))
-        return belief.none > max([belief.unknown, *belief.probability])
+        belief = weigh(baseline, causes, count, scale=self.scale, unknown_log_z=log_mean(list(z.values())))
+        return belief.unknown < DOUBT and belief.none > np.sum(belief.probability)
 
     def p_gap(self, about: Screen, at_base: Adequacy) -> float:
         """Of the omnibus tests and the largest gain in the library, Bonferroni."""
@@ -170,6 +173,10 @@ class _Inquiry:
         fits = fits and len(best.candidates) <= SURE and not (climb.large or climb.names_a_remainder(best))
         nearly = removed >= MOST_OF_IT and complete
         verdict = "identified" if fits and complete else "approximate" if nearly else "unknown"
+        if verdict == "unknown" and p > CLEAR and baseline.fitted.fraction == best.fitted.fraction == 1.0:
+            tried = [c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == 1.0]
+            if self.doubtful(baseline, tried):
+                verdict, best, enough, after = "none", baseline, False, first
         return self.report(verdict, baseline, best, enough, about, latent, at_base, p, model_free, first, after)
 
     def tolerated(self, shrunk: Shrinkage) -> bool:

@@ -34,6 +34,7 @@ from backend.mechanism.gap_report import (
     Where,
 )
 
+WORTH_A_WORD = 0.05  # probability of what the sentence mentions besides the verdict
 MOST_CAUSES = 12  # those that the data leave standing are listed however many they are
 
 
@@ -60,7 +61,7 @@ def make_report(
     """Everything that was found, in the words of the file format. tried: all sets that were fitted, by their names."""
     none, unknown, chances = _chances(verdict, belief, shrunk)
     reported = set(belief.reported)
-    listed = belief.causes[: max([MOST_CAUSES, *(i + 1 for i in reported)])] if verdict != "none" else belief.causes[:3]
+    listed = belief.causes[: max([MOST_CAUSES, *(i + 1 for i in reported)])]
     left = 1.0 - none - unknown
     shown = np.array([chances[i] for i in range(len(listed))])
     shown = shown * (left / shown.sum()) if shown.size and shown.sum() > 0 else shown
@@ -84,7 +85,7 @@ def make_report(
     ladder = _ladder(subject, baseline, listed[0], tried, scale) if named else ""
     return GapReport(
         verdict=verdict,
-        sentence=_sentence(verdict, causes, places, shrunk, len(reported), unknown) + ladder,
+        sentence=_sentence(verdict, causes, places, shrunk, len(reported), none, unknown) + ladder,
         where=Where(
             locations=places,
             phases=missing.phases() if missing and verdict != "none" else [],
@@ -118,7 +119,8 @@ AT_LEAST_UNKNOWN = 0.9
 def _chances(verdict: Verdict, belief: Belief, shrunk: Shrinkage | None) -> tuple[float, float, np.ndarray]:
     """Probability of none, of unknown, and shares of the causes."""
     if verdict == "none":
-        return max(belief.none, 0.5), min(belief.unknown, 0.05), belief.probability
+        none = max(belief.none, 0.5)
+        return none, belief.unknown * (1.0 - none) / max(1.0 - belief.none, 1e-12), belief.probability
     if verdict == "unknown":
         return 0.0, max(belief.unknown, AT_LEAST_UNKNOWN), belief.probability
     if verdict == "approximate":
@@ -228,14 +230,19 @@ def _detectable(subject: Subject, about: Screen, scale: float) -> list[Detectabl
 
 
 def _sentence(
-    verdict: Verdict, causes: Sequence[CauseSet], places: Sequence[Location], shrunk, reported: int, unknown: float
-) -> str:
-    if verdict == "none":
-        return "The drawing explains the measurements to within their noise: these data show no gap."
+    verdict: Verdict, causes: Sequence[CauseSet], places: Sequence[Location], shrunk, reported: int, none: float,
+    unknown: float,
+) -> str:  # fmt: skip
     named = " and ".join(_named(e) for e in causes[0].effects) if causes else ""
+    if verdict == "none":
+        perhaps = causes and causes[0].probability >= WORTH_A_WORD
+        doubt = f" If anything is amiss it may be {named} ({100 * causes[0].probability:.0f}%)." if perhaps else ""
+        return f"The drawing explains the measurements to within their noise: these data show no gap.{doubt}"
     share = ""
     if shrunk is not None and shrunk.explained is not None:
         share = f" It explains {100 * shrunk.explained:.1f}% of the gap on experiments it was not fitted to."
+    if none >= WORTH_A_WORD:
+        share += f" That nothing is amiss and noise looks so: {100 * none:.0f}%."
     if verdict == "identified":
         several = len(causes[0].effects) > 1
         doubt = f" (or, {100 * unknown:.0f}%, one thing outside the library that does what they do)" if several else ""

@@ -1,4 +1,4 @@
-"""What a verdict's sentence says of a set: which member does most of it alone, and what the next ones add."""
+"""What a verdict's sentence says: which member of a set does most alone, what the next ones add, what is faint."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -47,3 +47,21 @@ def test_what_the_next_member_adds_is_said_as_far_as_sets_were_tried():
     alone = f" Air drag at Arm alone explains {shares[0]:.1f}% of the fitted gap"
     assert said(first, second, best=whole) == f"{alone}, with air drag at tip {shares[1]:.1f}%."
     assert said(first, cause("base", "tip", rms=1.5), best=whole) == f"{alone}."
+
+
+def faint(probability: float) -> Any:
+    effect = SimpleNamespace(kind="viscous_friction", on=["j4"])
+    return SimpleNamespace(effects=[effect], probability=probability)
+
+
+def test_a_faint_cause_is_mentioned_where_nothing_amiss_is_likelier():
+    words = module._sentence("none", [faint(0.2)], [], None, 0, 0.7, 0.1)
+    assert words.endswith("these data show no gap. If anything is amiss it may be viscous friction at j4 (20%).")
+    for causes in ([], [faint(0.04)]):
+        assert module._sentence("none", causes, [], None, 0, 0.9, 0.0).endswith("these data show no gap.")
+
+
+def test_how_likely_noise_alone_is_stands_beside_a_faint_cause():
+    words = module._sentence("ambiguous", [faint(0.4), faint(0.3)], [], None, 2, 0.2, 0.1)
+    assert words.endswith("these data cannot tell which. That nothing is amiss and noise looks so: 20%.")
+    assert "nothing is amiss" not in module._sentence("identified", [faint(0.9)], [], None, 1, 0.04, 0.06)
