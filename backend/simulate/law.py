@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from backend.joints.joint import SLIDE
 from backend.model.incidence import picked
 from backend.model.system import System
 from backend.simulate import contact
@@ -131,6 +132,16 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
         coupled = jnp.sum(friction[:, :, None] * full[:, :2], 1)
         full = full - jnp.where(free(system)[:, :, None], coupled[:, None, :], 0.0)
     return Slope(full, friction, walls)
+
+
+def dry_stiffness(
+    system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: Impulses, far_m: Array
+) -> Float[Array, "joints 6"]:
+    """By how much dry friction's impulse changes at most as a joint turns by 1 rad or slides by `far_m`."""
+    moved = displacement(system, y)
+    per = _dry_limit(system, drive, impulses.rows) / (drive.presliding + _rounded(drive, moved))
+    slides = system.coordinate_rows[:, SLIDE]
+    return jnp.where(free(system), (per * jnp.where(slides, far_m, 1.0))[:, None], 0.0)
 
 
 def offset(system: System, at: Slope, impulses: Impulses, wanted: Impulses) -> tuple[Array, Push]:

@@ -42,6 +42,7 @@ LOOSE = 1e-6  # error, in mechanism lengths, that a stage may leave to the next
 ENOUGH = 1e-4  # share of the linear fall of the merit that an iteration must bring
 SHORTEST = 0.02  # share of an iteration's change below which no better point is sought
 SLID = 0.1  # share of the sliding at which friction is half way, that sliding may be off at the default tolerance
+ROUNDING = 1e-15  # of places and turns: strong friction that holds answers to it with more than the tolerance
 LARGEST_TURN = 1.0  # rad in one step: beyond it the quaternion step loses its inverse
 SOLUTION = "solution of a step"  # all that a derivative backwards in time keeps of it
 
@@ -134,7 +135,7 @@ def _walk(
 
     def looked(unknowns: Unknowns, iterations: int | Array) -> _Point:
         residual, there = equations(system, at, unknowns, barrier)
-        error, merit = _size(system, at, unknowns, residual)
+        error, merit = _size(system, at, unknowns, residual, there)
         return _Point(unknowns, residual, there, jnp.asarray(iterations), error, merit)
 
     def unfinished(now: _Point) -> Bool[Array, ""]:
@@ -298,7 +299,7 @@ def _energy(system: System) -> Bounds:
 
 
 def _size(
-    system: System, at: Frame, unknowns: Unknowns, residual: Unknowns
+    system: System, at: Frame, unknowns: Unknowns, residual: Unknowns, there: There
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Largest residual, and the sum of their squares, as displacements in mechanism lengths."""
     length = system.scale.length_m
@@ -308,7 +309,9 @@ def _size(
     row_scale = jnp.array([1 / length] * 3 + [1.0] * 3)
     per_mass, held = at.step_s / length, law.held(system)
     impulse = (per_mass / length / system.joint_mass)[:, None]
-    rows = jnp.abs(residual.impulses.rows) * jnp.where(held, row_scale, impulse)
+    far = jnp.max(jnp.abs(at.pose.position), initial=length)
+    rounding = ROUNDING * law.dry_stiffness(system, at.drive, there.moved, unknowns.impulses, far)
+    rows = jnp.maximum(jnp.abs(residual.impulses.rows) - rounding, 0.0) * jnp.where(held, row_scale, impulse)
     padded = jnp.minimum(system.mass, system.scale.mass_kg)[np.array(system.pads.bodies, dtype=int)]
     parts, rubs, slides = (
         [linear_part, turning, rows, jnp.abs(residual.impulses.pads) * per_mass / padded[:, None]],

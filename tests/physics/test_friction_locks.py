@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from backend.model.build import build
 from tests.loose import LENGTH, drawer, loose_bar
+from tests.mechanisms import effect, slider_crank
 from tests.motions import follow
 
 STEP_S, STEPS = 1e-3, 1000
@@ -53,3 +55,16 @@ def test_a_drawer_wedges_where_friction_exceeds_half_its_length_over_the_lever_o
     else:
         assert travel[-1] == pytest.approx(play, rel=0.02)  # the end of its play, less the walls' tilt and barrier
     np.testing.assert_allclose(motion.path.wall[5].sum(), 2 * FORCE_N * arm / DRAWER_M, rtol=1e-4)
+
+
+@pytest.mark.parametrize("rail_n", [20.0, 2000.0])
+def test_friction_far_beyond_the_drive_holds_a_loop_and_shares_its_drive(rail_n):
+    """Held so stiffly, a rounding of places is more impulse than a step may be off by."""
+    crank = effect("crank", "coulomb_friction", ["main"], friction_torque_n_m=0.2)
+    rail = effect("rail", "coulomb_friction", ["slide"], friction_force_n=rail_n)
+    push = effect("push", "applied_torque", ["crank"], torque_n_m=0.2, axis=[0, 0, 1])
+    motion = follow(build(slider_crank(effects=[crank, rail, push])), STEP_S, 200, halvings=6)
+    assert motion.path.halvings.max() == 0
+    assert motion.path.iterations[5:].max() <= 3
+    assert np.abs(motion.path.rate[5:]).max() < 5e-6
+    assert np.abs(motion.path.q[-1] - motion.path.q[5]).max() < 1e-6
