@@ -12,7 +12,7 @@ from backend.diagnose.belief import weigh
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
 from backend.diagnose.ends import stopping_alike
-from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library
+from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library, rubs_dry
 from backend.diagnose.same_motion import complete, elsewhere
 from backend.diagnose.softness import softness
 from backend.diagnose.standards import NOTHING, SURE, WORTH, AbstractStandards
@@ -126,6 +126,7 @@ class Climb(AbstractStandards):
         """Where nothing smooth is enough or follows whole records, or held-out experiments refuse it: stops, play,
         bending and friction that grows with load, family by family.
         """
+        best, last = self._or_load(best, last)
         refused, lost = self.refused(best), best.fitted.fraction < 1.0
         if not (refused or lost) and (self.enough(last) or self._little(best, last, 1)):
             return self._or_play(best, last)
@@ -164,6 +165,25 @@ class Climb(AbstractStandards):
                         break
             if self._settled(best, last):
                 break
+        return best, last
+
+    def _or_load(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """The best set, or one with friction that grows with load in place of its dry friction: where loads change
+        little the one does what the other does, and neither stands in the other's model.
+        """
+        dry = [c for c in best.candidates if rubs_dry(c.kind)]
+        if LOAD not in families(self.without) or not dry or len(best.candidates) > SURE or self._cancelled():
+            return best, last
+        rest = next((c for c in best.candidates if c is not dry[0]), None)
+        beside = self._single(best, rest) if rest is not None else None
+        search = self._search_of(LOAD)
+        if search is None or (rest is not None and beside is None):
+            return best, last
+        self.searches[id(search.subject)] = search
+        for cause in search.switching(self.baseline, LOAD, {}, best, beside):
+            self.search.tried[cause.names] = cause
+            if self._likelier(cause, best):
+                best, last = self._judged(cause, search)
         return best, last
 
     def _or_play(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:

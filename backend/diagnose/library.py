@@ -67,6 +67,12 @@ def family_of(effect: type[AbstractEffect]) -> str:
     return LOAD if issubclass(effect, AbstractDryFriction) and _grows_with_load(effect) else SMOOTH
 
 
+def rubs_dry(kind: str) -> bool:
+    """Whether a kind is dry friction of a size of its own, which friction that grows with load may look like."""
+    effect = catalogue()[kind]
+    return issubclass(effect, AbstractDryFriction) and not _grows_with_load(effect)
+
+
 def _grows_with_load(effect: type[AbstractEffect]) -> bool:
     """Friction whose limit no number of its own but a coefficient gives couples the joints' rows."""
     return all(d.unit == "1" for d in effect.declarations().values() if not d.by_name)

@@ -42,7 +42,8 @@ CLOSE = 8  # explanations that held-out experiments are asked about
 MOST_OF_IT = 0.9  # of the held-out gap: what a form that is a little wrong has to remove
 NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its name, though its form is not the last
 ON_THE_WAY = 2  # smaller sets about whose motion laws of unknown form are weighed, too
-DOUBT = 0.9  # probability of an unknown law beyond which a cause that fits is not named
+DOUBT = 0.9  # probability of an unknown law beyond which a cause that nearly fits is not named
+LIKELIER = 0.5  # the same of one that fits
 
 Progress = Callable[[float, str], None]
 
@@ -216,7 +217,7 @@ class _Inquiry:
         if belief.unknown > DOUBT and verdict == "identified" and not enough:
             # The form is a little wrong, so that laws of any form follow what is left better.
             verdict = "approximate" if explained is None or explained >= MOST_OF_IT else "unknown"
-        elif doubtful and belief.unknown > DOUBT:
+        elif doubtful and belief.unknown > (LIKELIER if exact else DOUBT):
             verdict = "unknown"
         if verdict == "identified" and (len(belief.reported) > 1 or belief.unknown > max(belief.probability)):
             verdict = "ambiguous"
@@ -240,8 +241,8 @@ class _Inquiry:
             self.tell("choosing the next experiment")
             following = next_experiment(self.subject, belief, self.scale / np.sqrt(soft))
         made = make_report(
-            verdict, self.subject, baseline, best, belief, about, also, free, missing, shrunk, self.scale, soft, p,
-            following, self.warnings_of(verdict, shrunk), self.tolerance_m, time.perf_counter() - self.began, fitted,
+            verdict, self.subject, baseline, best, enough, belief, about, also, free, missing, shrunk, self.scale, soft,
+            p, following, self.warnings_of(verdict, shrunk), self.tolerance_m, time.perf_counter() - self.began, fitted,
         )  # fmt: skip
         self.progress(1.0, "done")
         return Diagnosis(

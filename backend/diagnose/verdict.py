@@ -43,6 +43,7 @@ def make_report(
     subject: Subject,
     baseline: Cause,
     best: Cause,
+    enough: bool,
     belief: Belief,
     about: Screen,
     aliases: Mapping[tuple[str, ...], list[list[str]]],
@@ -58,8 +59,10 @@ def make_report(
     wall_s: float,
     tried: Mapping[tuple[str, ...], Cause],
 ) -> GapReport:
-    """Everything that was found, in the words of the file format. tried: all sets that were fitted, by their names."""
-    none, unknown, chances = _chances(verdict, belief, shrunk)
+    """Everything that was found, in the words of the file format. enough: whether the best cause leaves noise alone.
+    tried: all sets that were fitted, by their names.
+    """
+    none, unknown, chances = _chances(verdict, enough, belief, shrunk)
     reported = set(belief.reported)
     listed = belief.causes[: max([MOST_CAUSES, *(i + 1 for i in reported)])]
     left = 1.0 - none - unknown
@@ -85,7 +88,7 @@ def make_report(
     ladder = _ladder(subject, baseline, listed[0], tried, scale) if named else ""
     return GapReport(
         verdict=verdict,
-        sentence=_sentence(verdict, causes, places, shrunk, len(reported), none, unknown) + ladder,
+        sentence=_sentence(verdict, enough, causes, places, shrunk, len(reported), none, unknown) + ladder,
         where=Where(
             locations=places,
             phases=missing.phases() if missing and verdict != "none" else [],
@@ -116,13 +119,15 @@ APPROXIMATE_UNKNOWN = 0.3  # what is missing besides a form that removes most of
 AT_LEAST_UNKNOWN = 0.9
 
 
-def _chances(verdict: Verdict, belief: Belief, shrunk: Shrinkage | None) -> tuple[float, float, np.ndarray]:
+def _chances(
+    verdict: Verdict, enough: bool, belief: Belief, shrunk: Shrinkage | None
+) -> tuple[float, float, np.ndarray]:
     """Probability of none, of unknown, and shares of the causes."""
     if verdict == "none":
         none = max(belief.none, 0.5)
         return none, belief.unknown * (1.0 - none) / max(1.0 - belief.none, 1e-12), belief.probability
     if verdict == "unknown":
-        return 0.0, max(belief.unknown, AT_LEAST_UNKNOWN), belief.probability
+        return 0.0, belief.unknown if enough else max(belief.unknown, AT_LEAST_UNKNOWN), belief.probability
     if verdict == "approximate":
         left = 1.0 - shrunk.explained if shrunk and shrunk.explained is not None else 0.1
         least = float(np.clip(np.sqrt(max(left, 0.0)), 0.1, APPROXIMATE_UNKNOWN))
@@ -230,8 +235,8 @@ def _detectable(subject: Subject, about: Screen, scale: float) -> list[Detectabl
 
 
 def _sentence(
-    verdict: Verdict, causes: Sequence[CauseSet], places: Sequence[Location], shrunk, reported: int, none: float,
-    unknown: float,
+    verdict: Verdict, enough: bool, causes: Sequence[CauseSet], places: Sequence[Location], shrunk, reported: int,
+    none: float, unknown: float,
 ) -> str:  # fmt: skip
     named = " and ".join(_named(e) for e in causes[0].effects) if causes else ""
     if verdict == "none":
@@ -253,6 +258,11 @@ def _sentence(
     if verdict == "approximate":
         return f"The gap is nearly {named}, but something else is missing too.{share}"
     where = f", most probably at {places[0].at}" if places else ""
+    if enough and causes[0].probability >= WORTH_A_WORD:
+        return (
+            f"Something real is missing from the drawing{where}: rather something outside the library "
+            f"({100 * unknown:.0f}%) than {named}, which would fit too ({100 * causes[0].probability:.0f}%)."
+        )
     return f"Something real is missing from the drawing{where}, and no effect of the library explains it."
 
 

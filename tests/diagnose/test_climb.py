@@ -35,7 +35,7 @@ def climbing(monkeypatch, *, enough: bool, refused: bool) -> Any:
 def smooth_cause(fraction: float) -> Any:
     return SimpleNamespace(
         names=("camera_tilt:camera",),
-        candidates=(SimpleNamespace(family=module.SMOOTH),),
+        candidates=(SimpleNamespace(family=module.SMOOTH, kind="camera_tilt"),),
         fitted=SimpleNamespace(fraction=fraction, r=SimpleNamespace(size=100)),
     )
 
@@ -181,3 +181,30 @@ def test_play_is_asked_of_a_faint_gap_that_something_smooth_explains(monkeypatch
     assert list(search.tried) == [play.names] * len(asked)
     search.followed = 0.5  # then sums of squares are of unequal records
     assert climb._or_play(best, "enough") == (best, "enough")
+
+
+@pytest.mark.parametrize(("other", "beside"), [((), None), (("length_error",), "length_error:arm")])
+def test_dry_friction_is_tried_as_one_that_grows_with_load_too(monkeypatch, other, beside):
+    """Alone, and beside what stands beside it; what is likelier is the answer."""
+    member = lambda kind: SimpleNamespace(kind=kind, name=f"{kind}:arm", family=module.SMOOTH)  # noqa: E731
+    made = lambda *kinds: SimpleNamespace(names=kinds, candidates=tuple(map(member, kinds)))  # noqa: E731
+    climb: Any = object.__new__(Climb)
+    climb.without, climb.searches, climb.search, climb.baseline = frozenset(), {}, SimpleNamespace(tried={}), None
+    loaded, poor, tried = made(*other, "pin_friction"), made("poor"), []
+
+    def switching(baseline, family, motion, rival, beside):
+        tried.append((family, beside and beside.names[0]))
+        return [loaded, poor]
+
+    search = SimpleNamespace(subject=object(), switching=switching)
+    monkeypatch.setattr(climb, "_search_of", lambda family: search)
+    monkeypatch.setattr(climb, "_single", lambda best, member: SimpleNamespace(names=(member.name,)))
+    monkeypatch.setattr(climb, "_cancelled", lambda: False, raising=False)
+    monkeypatch.setattr(climb, "_likelier", lambda cause, best: cause is loaded)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    assert climb._or_load(made(*other, "coulomb_friction"), "last") == (loaded, "judged")
+    assert tried == [(module.LOAD, beside)]
+    assert set(climb.search.tried) == {loaded.names, poor.names}
+    smooth = made("viscous_friction")
+    assert climb._or_load(smooth, "last") == (smooth, "last")
+    assert len(tried) == 1

@@ -55,13 +55,19 @@ def faint(probability: float) -> Any:
 
 
 def test_a_faint_cause_is_mentioned_where_nothing_amiss_is_likelier():
-    words = module._sentence("none", [faint(0.2)], [], None, 0, 0.7, 0.1)
+    words = module._sentence("none", False, [faint(0.2)], [], None, 0, 0.7, 0.1)
     assert words.endswith("these data show no gap. If anything is amiss it may be viscous friction at j4 (20%).")
     for causes in ([], [faint(0.04)]):
-        assert module._sentence("none", causes, [], None, 0, 0.9, 0.0).endswith("these data show no gap.")
+        assert module._sentence("none", False, causes, [], None, 0, 0.9, 0.0).endswith("these data show no gap.")
 
 
 def test_how_likely_noise_alone_is_stands_beside_a_faint_cause():
-    words = module._sentence("ambiguous", [faint(0.4), faint(0.3)], [], None, 2, 0.2, 0.1)
+    words = module._sentence("ambiguous", True, [faint(0.4), faint(0.3)], [], None, 2, 0.2, 0.1)
     assert words.endswith("these data cannot tell which. That nothing is amiss and noise looks so: 20%.")
-    assert "nothing is amiss" not in module._sentence("identified", [faint(0.9)], [], None, 1, 0.04, 0.06)
+    assert "nothing is amiss" not in module._sentence("identified", True, [faint(0.9)], [], None, 1, 0.04, 0.06)
+
+
+def test_what_would_fit_stands_beside_something_unknown_that_is_likelier():
+    words = module._sentence("unknown", True, [faint(0.27)], [], None, 1, 0.0, 0.73)
+    assert "outside the library (73%) than viscous friction at j4, which would fit too (27%)" in words
+    assert module._sentence("unknown", False, [faint(0.1)], [], None, 1, 0.0, 0.9).endswith("explains it.")
