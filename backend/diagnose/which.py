@@ -15,6 +15,7 @@ from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
 from backend.diagnose.fitted import Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
+from backend.diagnose.library import LOAD
 from backend.diagnose.noise_learnt import remember, set_aside
 from backend.diagnose.probe import Probe
 from backend.diagnose.screen import EARLY, Screen, containing, screen, tuned
@@ -26,6 +27,7 @@ FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
 BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
 SWITCHES = 3  # causes of a kind that switches on, refitted
+BRIEF = 4  # iterations of a first look
 GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
 TAKEN = 0.6  # of the misfit beyond noise of a part of the records, left by a cause that is worth the rest of them
 SPARE = 0.25  # noise variances that a part of the records may always leave
@@ -297,6 +299,8 @@ class Search:
                 cost, values = promising(self.subject, candidate, motion, others, known)
                 if values:
                     found.append((cost, known | values, candidate))
+        if family == LOAD:
+            found = [self._shortly(values, candidate, others) for _, values, candidate in found]
         made = []
         for _, values, candidate in sorted(found, key=lambda f: f[0])[:SWITCHES]:
             self.tell(f"trying {' + '.join([candidate.name, *names])}")
@@ -304,6 +308,19 @@ class Search:
             if fitted is not None and np.isfinite(fitted.chi2):
                 made.append(self.keep(fitted))
         return sorted(made, key=lambda c: -c.log_z)
+
+    def _shortly(
+        self, values: dict[str, float], candidate: Candidate, others: Sequence[Candidate]
+    ) -> tuple[float, dict[str, float], Candidate]:
+        """What a few iterations over the first of the records leave, and where they lead: sizes that were tried say
+        little of friction, whose way is smooth.
+        """
+        choice = self.subject.choose(*others, candidate)
+        begin = start_of(self.subject, choice, values)
+        made = fit(self.subject, choice, start=begin, fractions=GROWING[:1], max_iterations=BRIEF)
+        if not np.isfinite(made.chi2):
+            return np.inf, values, candidate
+        return made.chi2, dict(zip((p.name for p in choice.parameters), made.values.tolist(), strict=True)), candidate
 
     def closer(self, cause: Cause) -> Cause:
         """A cause with what nobody states of one of its members free as well, where that makes it likelier."""
@@ -315,8 +332,8 @@ class Search:
             return cause
         self.tell(f"trying {' + '.join(cause.names)} with walls that give, give back and rub")
         first = [
-            fit(self.subject, choice, start=begun_from(cause.fitted, choice), fractions=GROWING[:1], max_iterations=4)
-            for choice in (self.subject.choose(*way) for way in ways)
+            fit(self.subject, c, start=begun_from(cause.fitted, c), fractions=GROWING[:1], max_iterations=BRIEF)
+            for c in (self.subject.choose(*way) for way in ways)
         ]
         first = [f for f in first if np.isfinite(f.chi2)]
         if not first:
