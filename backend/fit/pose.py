@@ -73,7 +73,9 @@ def find_start(model: Model, data: Measured, release: Release) -> Found:
         for _ in range(4):
             motions = assemble.free_motions(made, elsewhere)
             kick = rng.uniform(-1.0, 1.0, motions.shape[-1])
-            elsewhere = _closed(made, elsewhere, jnp.asarray(motions @ kick))
+            there = _closed(made, elsewhere, jnp.asarray(motions @ kick))
+            if np.isfinite(there.position).all():  # so far at once, a chain in space may not be closed again
+                elsewhere = there
         found = _walk(model, made, elsewhere, target)
         best = min(best, found, key=lambda f: f[0])
     rms, pose, motions = best
@@ -122,7 +124,10 @@ def _walk(model: Model, made, pose: Pose, target: _Target) -> tuple[float, Pose,
         longest = np.abs(step).max(initial=0.0)
         if longest < 1e-10:
             break
-        pose = _closed(made, pose, jnp.asarray(motions @ (step * min(1.0, LONGEST / longest))))
+        there = _closed(made, pose, jnp.asarray(motions @ (step * min(1.0, LONGEST / longest))))
+        if not np.isfinite(there.position).all():
+            break
+        pose = there
     return float(np.sqrt(np.mean(miss**2))), pose, motions
 
 

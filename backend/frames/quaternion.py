@@ -54,3 +54,9 @@ def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 def tangent_map(phi: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """dφ/dθ, where θ is a small turn of the advanced body in its own axes."""
     return cosine_half(phi)[..., None] * jnp.eye(3) + 0.5 * skew(phi)
+
+
+def turning_map(phi: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
+    """dθ/dφ, the inverse of `tangent_map`; a half turn has none."""
+    s = cosine_half(phi)[..., None]
+    return s * jnp.eye(3) + 0.25 / s * phi[..., :, None] * phi[..., None, :] - 0.5 * skew(phi)

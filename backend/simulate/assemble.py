@@ -11,7 +11,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from backend.frames import quaternion
-from backend.frames.quaternion import tangent_map
+from backend.frames.quaternion import turning_map
 from backend.model.state import Pose, Start
 from backend.model.system import System
 from backend.simulate import forces, kinematics, linear
@@ -91,7 +91,7 @@ def _residual(system: System, reference: Pose, wanted: BodyRows, now: Correction
 def _direction(system: System, reference: Pose, here: Array, now: Correction, residual: Correction) -> Correction:
     """Change of increment and impulses that cancels a residual; linear in it."""
     rows = kinematics.rows(system, kinematics.bodies(system, reference.advance(now.xi)))
-    turn = jnp.concatenate([tangent_map(now.xi[:, 3:]), jnp.eye(3)[None]])[
+    turn = jnp.concatenate([turning_map(now.xi[:, 3:]), jnp.eye(3)[None]])[
         np.minimum(system.pairs, system.topology.slots)
     ]
     there = jnp.concatenate(
@@ -143,18 +143,30 @@ def _balance(system: System, here: Array, moved: BodyRows, rows: Array, push: Ar
 
 
 def _cancel(system: System, here: Array, there: Array, residual: Correction) -> Correction:
-    """Solve M δξ - hereᵀ δμ = -r₁, there δξ + ε δμ = -r₂ over the body graph."""
+    """Solve M δξ - hereᵀ δμ = -r₁, there δξ + ε δμ = -r₂ over the body graph.
+
+    Rows that are far open are 1e8 times what moves a body, which rounding leaves in error by more than itself: what
+    the first answer leaves of r₁ is solved for once more, without them.
+    """
     weight = jnp.where(system.held_rows, 1.0 / system.compliance, 0.0)
     offset = -jnp.where(system.held_rows, weight, 1.0) * residual.push
     others = jnp.zeros((len(system.topology.struts) + len(system.topology.touches), 12, 12))
     mass = system.mass[:, None, None] * jnp.eye(3)
     zero = jnp.zeros_like(mass)
     top, bottom = jnp.concatenate([mass, zero], -1), jnp.concatenate([zero, system.inertia], -1)
-    rhs = forces.collect(system.topology.joint_sides, jnp.sum(here * offset[:, :, None], 1)) - residual.xi
     own = jnp.concatenate([top, bottom], -2)
     factored = linear.factor(system.topology, own, here, weight, there, others)
-    xi = linear.solve(factored, rhs)
-    return Correction(xi, offset - weight * jnp.sum(there * _pairs(system, xi)[:, None, :], -1))
+
+    def pulled(push: Array) -> BodyRows:
+        return forces.collect(system.topology.joint_sides, jnp.sum(here * push[:, :, None], 1))
+
+    def given(xi: BodyRows) -> Array:
+        return weight * jnp.sum(there * _pairs(system, xi)[:, None, :], -1)
+
+    xi = linear.solve(factored, pulled(offset) - residual.xi)
+    push = offset - given(xi)
+    more = linear.solve(factored, pulled(push) - residual.xi - instantaneous(system, xi))
+    return Correction(xi + more, push - given(more))
 
 
 def _refined(

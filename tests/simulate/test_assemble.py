@@ -3,6 +3,7 @@
 import equinox as eqx
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from backend.mechanism.read import parse_mechanism
 from backend.model.build import build
@@ -11,7 +12,7 @@ from backend.model.system import system
 from backend.simulate.assemble import closed, free_motions, worst_gap
 from backend.simulate.run import assembled, simulate
 from backend.simulate.spectrum import rank
-from tests.mechanisms import bennett, document, double_pendulum, fourbar, scissor, slider_crank
+from tests.mechanisms import bar, bennett, document, double_pendulum, drawing, fourbar, scissor, slider_crank
 
 
 def shifted(mechanism, body, by):
@@ -76,3 +77,21 @@ def test_rank_is_read_from_the_largest_gap_of_the_spectrum():
 def test_a_duration_or_step_that_is_not_positive_is_refused(duration, step):
     with pytest.raises(ValueError, match="give a positive number of seconds"):
         simulate(fourbar(), duration, step)
+
+
+def test_parts_turned_far_about_axes_that_lean_are_closed_at_once():
+    """An arm about an axis that leans by 25 degrees, a bar that hangs from it: spatial turns do not commute."""
+    lean = Rotation.from_rotvec([-0.436, 0.0, 0.0])
+    arm, hang = bar("arm", (0, 0, 0), (0.22, 0, 0)), bar("hang", (0.22, 0, 0), (0.22, 0, -0.28))
+    joints = [
+        ("yaw", "revolute", "ground", "arm", (0, 0, 0), lean.apply([0.0, 0.0, 1.0])),
+        ("hinge", "revolute", "arm", "hang", (0.22, 0, 0), (1.0, 0.0, 0.0)),
+    ]
+    model = build(drawing("leaning", [arm, hang], joints))
+    plant = eqx.filter_jit(system)(model)
+    pose = drawn_pose(model, plant)
+    for motion in np.moveaxis(np.asarray(free_motions(plant, pose)), -1, 0):
+        for size in (0.1, 0.2, 0.4):
+            turned = eqx.filter_jit(closed)(plant, pose, size * motion)
+            assert worst_gap(plant, turned).offset_m < 1e-11
+            assert np.abs(np.asarray(turned.position - pose.position)).max() > 0.1 * size * 0.2
