@@ -31,6 +31,7 @@ from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Search
 from backend.fit.fit_study import default_step
+from backend.fit.guess import told
 from backend.mechanism.apart import set_apart
 from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study, driven_effects
@@ -240,9 +241,10 @@ class _Inquiry:
         if verdict != "none":
             self.tell("choosing the next experiment")
             following = next_experiment(self.subject, belief, self.scale / np.sqrt(soft))
+        said, spent_s = self.warnings_of(verdict, best, shrunk), time.perf_counter() - self.began
         made = make_report(
             verdict, self.subject, baseline, best, enough, belief, about, also, free, missing, shrunk, self.scale, soft,
-            p, following, self.warnings_of(verdict, shrunk), self.tolerance_m, time.perf_counter() - self.began, fitted,
+            p, following, said, self.tolerance_m, spent_s, fitted,
         )  # fmt: skip
         self.progress(1.0, "done")
         return Diagnosis(
@@ -266,9 +268,9 @@ class _Inquiry:
         ]  # fmt: skip
         return [] if exact or len(best.candidates) <= SURE else sorted(parts, key=lambda c: -c.log_z)[:ON_THE_WAY]
 
-    def warnings_of(self, verdict: str, shrunk: Shrinkage | None) -> list[str]:
+    def warnings_of(self, verdict: str, best: Cause, shrunk: Shrinkage | None) -> list[str]:
         """What cannot be concluded from this study, and why."""
-        said = list(self.warnings)
+        said = [*self.warnings, *told(self.study.mechanism, best.fitted.choice.parameters)]
         if shrunk is None and self.subject.held_out:
             said.append(
                 "No held-out experiment holds a sample after its release that could tell a gap: how far it shrinks is "

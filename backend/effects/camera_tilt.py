@@ -7,6 +7,8 @@ from backend.effects.effect import parameter
 from backend.effects.shapes import AbstractView
 
 FAR = 3.0  # extents of the mechanism from which a lens of 40° sees a picture that is two extents high
+GUESS = 0.35  # of that distance, one sd: phones stand at two, long lenses at five
+AFAR = ("distance_m", GUESS)  # what is seen of a tilt is its share of the distance
 
 
 class CameraTilt(AbstractView):
@@ -18,8 +20,8 @@ class CameraTilt(AbstractView):
 
     kind = "camera_tilt"
     acts_on = "camera"
-    pitch_rad: Float[Array, ""] = parameter("rad", "about the picture's horizontal", expected=0.05)
-    yaw_rad: Float[Array, ""] = parameter("rad", "about the picture's vertical", expected=0.05)
+    pitch_rad: Float[Array, ""] = parameter("rad", "about the picture's horizontal", expected=0.05, rests_on=AFAR)
+    yaw_rad: Float[Array, ""] = parameter("rad", "about the picture's vertical", expected=0.05, rests_on=AFAR)
     distance_m: Float[Array, ""] = parameter(
         "m", "from the camera to the mechanism; 0: three times the extent of what is drawn", lower=0.0, by_name=True
     )

@@ -127,8 +127,8 @@ def _sentences(u: Uncertainty, solution: Solution, scale: np.ndarray, reported: 
         inflated = [u.spread * sd[i] / u.noise_sd[i] for i in shown if u.noise_sd[i] > 0 and np.isfinite(sd[i])]
         yield (
             f"The model misses the data by {u.chi_square_per_point**0.5:.3g} noise sigmas rms: something is "
-            f"missing from it. Intervals are widened up to {max(inflated, default=1.0):.3g} times for it, "
-            "but a wrong law biases beyond any interval."
+            f"missing from it, or some samples are wild (`--loss huber` takes those for less). Intervals are widened "
+            f"up to {max(inflated, default=1.0):.3g} times for it, but a wrong law biases beyond any interval."
         )
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from backend.effects.camera_tilt import GUESS as FAR_OFF
 from backend.effects.rolling_shutter import GUESS
 from backend.fit.free import free_parameters
 from backend.fit.guess import guesses, told
@@ -29,3 +30,11 @@ def test_a_readout_owes_to_the_height_of_a_picture_that_nobody_gave(drawn, share
     said = list(told(mechanism, parameters))
     assert len(said) == (1 if share else 0)
     assert all("height_m" in sentence for sentence in said)
+
+
+@pytest.mark.parametrize(("drawn", "share"), [((), FAR_OFF), (({"distance_m": 0.8},), 0.0)], ids=["absent", "told"])
+def test_a_tilt_owes_to_the_distance_of_a_camera_that_nobody_gave(drawn, share):
+    mechanism = pendulum(*(effect("lean", "camera_tilt", ["camera"], pitch_rad=0.0, **more) for more in drawn))
+    parameters = free_parameters(mechanism, ("camera_tilt:camera.pitch_rad", "camera_tilt:camera.yaw_rad")).parameters
+    assert guesses(mechanism, parameters, np.array([-0.02, 0.01])) == pytest.approx([0.02 * share, 0.01 * share])
+    assert all("distance_m" in sentence for sentence in told(mechanism, parameters))
