@@ -193,7 +193,7 @@ def doubt(window, address, study, folder) -> str:
         page.wait_for_url("**/jobs/*")
         page.wait_for_selector(".badge")
         path = page.url.split("/ui/")[1]
-    service = open_service(Settings(data_folder=str(folder)))
+    service = open_service(Settings(data_folder=folder))
     place = Path(service.storage._place(file_of(service, path.rsplit("/", 1)[1], "pictures.json").key))
     before = place.read_bytes()
     told = json.loads(before)
