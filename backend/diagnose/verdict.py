@@ -258,7 +258,7 @@ def _sentence(
     if verdict == "approximate":
         return f"The gap is nearly {named}, but something else is missing too.{share}"
     where = f", most probably at {places[0].at}" if places else ""
-    if enough and causes[0].probability >= WORTH_A_WORD:
+    if enough and causes and causes[0].probability >= WORTH_A_WORD:
         return (
             f"Something real is missing from the drawing{where}: rather something outside the library "
             f"({100 * unknown:.0f}%) than {named}, which would fit too ({100 * causes[0].probability:.0f}%)."

@@ -71,3 +71,4 @@ def test_what_would_fit_stands_beside_something_unknown_that_is_likelier():
     words = module._sentence("unknown", True, [faint(0.27)], [], None, 1, 0.0, 0.73)
     assert "outside the library (73%) than viscous friction at j4, which would fit too (27%)" in words
     assert module._sentence("unknown", False, [faint(0.1)], [], None, 1, 0.0, 0.9).endswith("explains it.")
+    assert module._sentence("unknown", True, [], [], None, 0, 0.0, 1.0).endswith("explains it.")
