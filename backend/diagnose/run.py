@@ -241,7 +241,8 @@ class _Inquiry:
         if verdict != "none":
             self.tell("choosing the next experiment")
             following = next_experiment(self.subject, belief, self.scale / np.sqrt(soft))
-        said, spent_s = self.warnings_of(verdict, best, shrunk), time.perf_counter() - self.began
+        guessed = told(self.study.mechanism, best.fitted.choice.parameters)
+        said, spent_s = [*guessed, *self.warnings_of(verdict, shrunk)], time.perf_counter() - self.began
         made = make_report(
             verdict, self.subject, baseline, best, enough, belief, about, also, free, missing, shrunk, self.scale, soft,
             p, following, said, self.tolerance_m, spent_s, fitted,
@@ -268,9 +269,9 @@ class _Inquiry:
         ]  # fmt: skip
         return [] if exact or len(best.candidates) <= SURE else sorted(parts, key=lambda c: -c.log_z)[:ON_THE_WAY]
 
-    def warnings_of(self, verdict: str, best: Cause, shrunk: Shrinkage | None) -> list[str]:
+    def warnings_of(self, verdict: str, shrunk: Shrinkage | None) -> list[str]:
         """What cannot be concluded from this study, and why."""
-        said = [*self.warnings, *told(self.study.mechanism, best.fitted.choice.parameters)]
+        said = list(self.warnings)
         if shrunk is None and self.subject.held_out:
             said.append(
                 "No held-out experiment holds a sample after its release that could tell a gap: how far it shrinks is "
