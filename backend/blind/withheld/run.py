@@ -21,6 +21,7 @@ from backend.blind.withheld.write import write_case
 DEVELOPMENT = range(10_000)
 TEST = range(1_000_000, 2_000_000)
 DRAWING = 0.08  # of the whole: what making the cases takes beside diagnosing them
+BASELINES = ("most frequent", "derivatives")
 DRAWN, ANSWERS, NAIVE, SCORES = "drawn.jsonl", "answers.jsonl", "naive.jsonl", "scores.json"
 
 Diagnose = Callable[[Path, frozenset[str]], dict[str, Any]]
@@ -93,28 +94,32 @@ def scored(out: Path, alpha: float = ALPHA) -> Scores:
 
     Raises ValueError where a label was changed.
     """
-    labels = revealed(out)
     sealed = json.loads((out / SEAL).read_text())
-    answers = {entry["case"]: entry["gap"] for entry in _lines(out / ANSWERS)}
-    naive = {entry["case"]: entry["gap"] for entry in _lines(out / NAIVE)}
-    common = most_frequent(labels)
-    facts: Facts = [judged(labels[i], gap) for i, gap in sorted(answers.items())]
+    facts, *naive = facts_of(out)
     result = Scores(
         seed=sealed["seed"],
         cases=len(facts),
         sha256=sealed["sha256"],
         version=sealed["version"],
         scores=scores(facts, alpha),
-        baselines={
-            "most frequent": scores([judged(labels[i], common) for i in sorted(answers)]),
-            "derivatives": scores([judged(labels[i], naive[i]) for i in sorted(answers) if i in naive]),
-        },
+        baselines={name: scores(found) for name, found in zip(BASELINES, naive, strict=True)},
     )
     (out / SCORES).write_text(result.model_dump_json(indent=1))
-    (out / "cases.jsonl").write_text(
-        "".join(json.dumps({"case": i, **f}) + "\n" for i, f in zip(sorted(answers), facts, strict=True))
-    )
+    (out / "cases.jsonl").write_text("".join(json.dumps(f) + "\n" for f in facts))
     return result
+
+
+def facts_of(out: Path) -> tuple[Facts, ...]:
+    """What is so of each answered case of a folder: of the diagnosis, then of each of BASELINES.
+
+    Raises ValueError where a label is not the one that was sealed.
+    """
+    labels = revealed(out)
+    answers = {entry["case"]: entry["gap"] for entry in _lines(out / ANSWERS)}
+    naive = {entry["case"]: entry["gap"] for entry in _lines(out / NAIVE)}
+    common = most_frequent(labels)
+    given = (answers, dict.fromkeys(answers, common), {i: naive[i] for i in answers if i in naive})
+    return tuple([{"case": i, **judged(labels[i], gap)} for i, gap in sorted(gaps.items())] for gaps in given)
 
 
 def check_mechanisms(names: Sequence[str], test: bool) -> None:
@@ -225,4 +230,4 @@ def _lines(path: Path) -> list[dict[str, Any]]:
     return entries
 
 
-__all__ = ["DEVELOPMENT", "TEST", "Cancelled", "generator_version", "run_blind", "scored"]
+__all__ = ["DEVELOPMENT", "TEST", "Cancelled", "facts_of", "generator_version", "run_blind", "scored"]
