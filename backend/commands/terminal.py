@@ -11,12 +11,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
+from datetime import timedelta
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
 import typer
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
+LINE_EVERY_S = 30.0
 
 Out = Annotated[Path | None, typer.Option(help="Folder for what the command writes.", file_okay=False)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the report alone, as JSON.")]
@@ -74,7 +76,7 @@ def _end(error: Exception | str, code: int) -> None:
 
 @contextmanager
 def progress(what: str) -> Iterator[Advance]:
-    """A progress bar on standard error when it is a terminal; otherwise silence.
+    """A progress bar on standard error when it is a terminal; otherwise a line there every half a minute.
 
     Where LINKTWIN_PROGRESS names a file, that file is told instead: {"part": 0.4, "words": "..."}.
     """
@@ -84,12 +86,31 @@ def progress(what: str) -> Iterator[Advance]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _now_and_then(what)
+        return
     text = TextColumn("{task.description}")
     columns = (SpinnerColumn(), text, BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=None)
         yield lambda part, words="": bar.update(task, completed=part, total=1.0, description=words or what)
+
+
+def _now_and_then(what: str) -> Advance:
+    """Lines for whoever reads a log: how far, how long it took, how long it may take; none of what is done sooner."""
+    started = last = time.monotonic()
+
+    def tell(part: float, words: str = "") -> None:
+        nonlocal last
+        if (now := time.monotonic()) - last < LINE_EVERY_S:
+            return
+        last = now
+        took = timedelta(seconds=round(now - started))
+        left = timedelta(seconds=round((now - started) * (1.0 - part) / part)) if part > 0.0 else "?"
+        print(f"{100.0 * part:3.0f}%  {words or what}, {took} since it began, {left} left", file=sys.stderr, flush=True)
+
+    return tell
 
 
 def _telling(file: Path, what: str) -> Advance:

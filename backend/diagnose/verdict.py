@@ -18,6 +18,7 @@ from backend.diagnose.subject import Subject
 from backend.diagnose.where import MissingForce, joint_gaps, locations, marker_gaps
 from backend.diagnose.wrong_form import deviations, deviations_of_noise
 from backend.fit.guess import guesses
+from backend.mechanism.gap_names import acting, place_name
 from backend.mechanism.gap_report import (
     Amount,
     CauseEffect,
@@ -257,7 +258,7 @@ def _sentence(
         return f"The gap is {named}, or {others}; these data cannot tell which.{share}"
     if verdict == "approximate":
         return f"The gap is nearly {named}, but something else is missing too.{share}"
-    where = f", most probably at {places[0].at}" if places else ""
+    where = f", most probably at {place_name(places[0].at)}" if places else ""
     if enough and causes and causes[0].probability >= WORTH_A_WORD:
         return (
             f"Something real is missing from the drawing{where}: rather something outside the library "
@@ -269,4 +270,4 @@ def _sentence(
 def _named(effect: CauseEffect | Candidate) -> str:
     on = list(effect.on) if not isinstance(effect.on, str) else [effect.on]
     place = on[0] if len(on) == 1 else f"all of {', '.join(on[:4])}{'...' if len(on) > 4 else ''}"
-    return f"{effect.kind.replace('_', ' ')} at {place}"
+    return acting(effect.kind, place)

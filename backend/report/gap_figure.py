@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Float
 from markupsafe import Markup
 
+from backend.mechanism.gap_names import place_name
 from backend.mechanism.mechanism import Mechanism
 from backend.model.flexible import split
 from backend.report.evidence import Motion
-from backend.report.gap_words import percent, place_name
+from backend.report.gap_words import percent
 from backend.report.pose_figure import body_path, point_at
 from backend.report.skeleton import best_view, skeleton_of
 from backend.report.svg import element

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from backend.mechanism.gap_names import place_name
 from backend.mechanism.gap_report import CauseSet, Detectable, GapReport
 from backend.report.chart import Band, Chart, Series, Stretch
 from backend.report.evidence import Channel, GapEvidence
@@ -25,7 +26,6 @@ from backend.report.gap_words import (
     next_sentence,
     parameter_name,
     percent,
-    place_name,
 )
 from backend.report.page import write_page
 from backend.report.quantity import at_the_bench, prefixed, shown

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float
 
+from backend.mechanism.gap_names import place_name
 from backend.mechanism.gap_report import GapReport
 from backend.mechanism.study import Study
 from backend.report.evidence import Channel, GapEvidence, Missing, Motion, Overlay
-from backend.report.gap_words import alike, amounts, cause_name, percent, place_name, worst_first
+from backend.report.gap_words import alike, amounts, cause_name, percent, worst_first
 from backend.report.quantity import at_the_bench, shown
 
 MOST_ALIKE = 4

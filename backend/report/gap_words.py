@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from backend.mechanism.gap_names import acting
 from backend.mechanism.gap_report import Amount, CauseEffect, CauseSet, Detectable, EffectNumber, NextExperiment
 from backend.report.evidence import Channel
 from backend.report.quantity import measured, prefixed, shown
@@ -19,25 +20,14 @@ MEANING = {
 }
 """Verdict -> (badge, what it means)."""
 
-OUTSIDE = {"camera": "the camera", "world": "the world around it"}
 MOST_NAMED = 4
 TOLD_APART = 9.0  # squared sd between two predictions
 UNITS = ("n", "m", "m2", "kg", "s", "s2", "rad", "hz", "relative")
 
 
-def place_name(at: str) -> str:
-    """A place as one says it.
-
-    >>> place_name("joint:A"), place_name("camera")
-    ('joint A', 'the camera')
-    """
-    return OUTSIDE.get(at, at.replace(":", " ", 1))
-
-
 def effect_name(effect: CauseEffect | Detectable) -> str:
     """What acts, and where."""
-    on = [effect.on] if isinstance(effect.on, str) else list(effect.on)
-    return f"{effect.kind.replace('_', ' ')} at {_first(on)}"
+    return acting(effect.kind, _first([effect.on] if isinstance(effect.on, str) else list(effect.on)))
 
 
 def _first(on: Sequence[str]) -> str:
@@ -55,7 +45,7 @@ def alike(cause: CauseSet) -> list[str]:
     for kind, at in cause.indistinguishable_from:
         together = f"all but {at[4:]}" if at.startswith("all-") else at
         places.setdefault(kind.replace("_", " "), []).append("all at once" if at == "all" else together)
-    return [f"{kind} at {_either(ats)}" for kind, ats in places.items()]
+    return [acting(kind, _either(ats)) for kind, ats in places.items()]
 
 
 def inseparable_name(group: Sequence[EffectNumber]) -> str:
@@ -65,7 +55,7 @@ def inseparable_name(group: Sequence[EffectNumber]) -> str:
         what = parameter_name(e.parameter)
         name = f"{e.kind.replace('_', ' ')}{f' ({what})' if what else ''}"
         places.setdefault(name, []).append(e.on if isinstance(e.on, str) else e.on[0])
-    return "; ".join(f"{name} at {_first(on)}" for name, on in places.items())
+    return "; ".join(acting(name, _first(on)) for name, on in places.items())
 
 
 def _either(names: Sequence[str]) -> str:

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from backend.mechanism.gap_names import place_name
 from backend.mechanism.jam_report import JamReport
 from backend.report import fit_page, gap_page, jam_page, simulation_page
 from backend.report.evidence import Channel, FitEvidence, GapEvidence, JamEvidence, Overlay, SimulationEvidence
-from backend.report.gap_words import MEANING, inseparable_name, least, next_sentence, parameter_name, place_name
+from backend.report.gap_words import MEANING, inseparable_name, least, next_sentence, parameter_name
 from backend.report.pictures import Linked, Pictures
 
 MOST_CHARTS = 6  # of one experiment

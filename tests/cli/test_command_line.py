@@ -13,7 +13,8 @@ import pytest
 from typer.testing import CliRunner
 
 from backend.cli import app
-from backend.commands.terminal import folder_for, stoppable
+from backend.commands import terminal
+from backend.commands.terminal import folder_for, progress, stoppable
 from backend.mechanism import found_contacts
 from backend.mechanism.read import read_mechanism
 
@@ -212,3 +213,17 @@ def test_ctrl_c_asks_the_work_to_end_and_the_second_one_ends_it(capsys, python_s
     assert "ending early" in capsys.readouterr().err
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
+
+
+def test_whoever_reads_a_log_is_told_how_far_the_work_is_and_quick_work_stays_silent(capsys, monkeypatch):
+    with progress("looking") as advance:
+        advance(0.1, "a quick thing")
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(terminal, "LINE_EVERY_S", 0.0)
+    with progress("looking") as advance:
+        advance(0.25, "pairs")
+        advance(0.5)
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith(" 25%  pairs, 0:00:0")
+    assert first.endswith(" left")
+    assert second.startswith(" 50%  looking, ")

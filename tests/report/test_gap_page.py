@@ -14,12 +14,22 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.diagnose.library import families
-from backend.mechanism.gap_report import Amount, Detectable, GapReport, NextExperiment
+from backend.mechanism.gap_report import Amount, CauseEffect, Detectable, GapReport, NextExperiment
 from backend.mechanism.read import parse_mechanism
 from backend.report.evidence import Channel, GapEvidence, Missing, Motion
 from backend.report.gap_page import write_gap_page
 from backend.report.gap_summary import gap_text
-from backend.report.gap_words import MEANING, alike, amount, least, next_sentence, parameter_name, percent, worst_first
+from backend.report.gap_words import (
+    MEANING,
+    alike,
+    amount,
+    effect_name,
+    least,
+    next_sentence,
+    parameter_name,
+    percent,
+    worst_first,
+)
 from backend.report.quantity import prefixed, shown
 
 TURN = [0.7071067811865476, 0.7071067811865476, 0.0, 0.0]
@@ -223,7 +233,7 @@ def test_a_stretch_of_missing_torque_is_shaded_where_it_begins_and_ends(tmp_path
 
 def test_causes_come_with_their_probability_amount_and_aliases(tmp_path):
     page = page_of(evidence(), tmp_path)
-    assert page.text.index("coulomb friction at pin 60%") < page.text.index("camera rotation at camera 39%")
+    assert page.text.index("coulomb friction at pin 60%") < page.text.index("camera rotation 39%")
     assert "400 ± 20 µN m" in page.text
     assert "cannot tell it from effort offset at pin" in page.text
     assert "something unknown 1%" in page.text
@@ -333,3 +343,16 @@ def test_the_worst_explained_experiment_is_shown_with_what_the_drawing_misses_fi
     bad = [channel("bad", "marker:a", 0.1, 2e-3), channel("bad", "marker:b", 0.2, 2e-3)]
     assert [(c.experiment, c.at) for c in worst_first([good, bad])] == [("bad", "marker:b"), ("bad", "marker:a")]
     assert worst_first([]) == ()
+
+
+@pytest.mark.parametrize(
+    ("kind", "on", "words"),
+    [
+        ("rotor_inertia", ("j1",), "rotor inertia at j1"),
+        ("camera_tilt", ("camera",), "camera tilt"),
+        ("frame_rate_error", ("camera",), "frame rate error of the camera"),
+        ("gravity_tilt", ("world",), "gravity tilt"),
+    ],
+)
+def test_an_effect_is_named_as_one_says_it(kind, on, words):
+    assert effect_name(CauseEffect(kind=kind, on=on, parameters={})) == words
