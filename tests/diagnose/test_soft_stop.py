@@ -10,7 +10,7 @@ from tests.diagnose.test_diagnosis import COARSE_S, INERTIA, LENGTH, MASS, drawi
 
 __all__ = ["drawing"]  # a fixture
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.timeout(600), pytest.mark.nightly]
 
 END = -0.35  # rad
 OMEGA = 50.0  # rad/s: a blow lasts 30 ms, and a dead one at 5 rad/s enters by 40 mrad

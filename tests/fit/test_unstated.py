@@ -62,6 +62,7 @@ def soft():
     return fitted({"stiffness_n_per_m": SOFT}, {})
 
 
+@pytest.mark.nightly
 def test_a_soft_wall_that_nobody_stated_misleads_the_noise_but_not_the_interval(soft):
     play = soft.parameters[0]
     assert play.value - PLAY_M > 1.96 * play.sd  # a soft wall passes for a wider hole
@@ -80,6 +81,7 @@ def test_a_wall_that_is_freed_and_drawn_as_rigid_is_found_with_its_play():
     assert wall.ci95[0] < SOFT < wall.ci95[1] < 10 * SOFT
 
 
+@pytest.mark.nightly
 def test_the_report_says_what_its_intervals_allow_for_and_what_to_do(soft):
     assert {(u.name, u.held, u.up_to) for u in soft.unstated} == {
         ("clearance:play.stiffness_n_per_m", RIGID, RUBBER),
