@@ -165,12 +165,22 @@ def study(window, address) -> str:
 
 
 @pytest.fixture(scope="session")
-def diagnosis(window, address, study) -> str:
+def finished(window, address):
+    """Begin a job by its button and wait until its report stands: (path, button, what the report shows) -> path."""
+
+    def job(path: str, button: str, shows: str) -> str:
+        with window() as opened:
+            page = opened.new_page()
+            page.goto(address + path)
+            page.get_by_role("button", name=button).click()
+            page.wait_for_url("**/jobs/*")
+            page.wait_for_selector(shows, timeout=600_000 if SLOW else 90_000)
+            return page.url.split("/ui/")[1]
+
+    return job
+
+
+@pytest.fixture(scope="session")
+def diagnosis(finished, study) -> str:
     """Path of a finished diagnosis of it."""
-    with window() as opened:
-        page = opened.new_page()
-        page.goto(address + study)
-        page.get_by_role("button", name="Diagnose").click()
-        page.wait_for_url("**/jobs/*")
-        page.wait_for_selector(".badge", timeout=600_000 if SLOW else 90_000)
-        return page.url.split("/ui/")[1]
+    return finished(study, "Diagnose", ".badge")

@@ -73,15 +73,9 @@ def drawing(window, address, bars) -> str:
 
 
 @pytest.fixture(scope="module")
-def jam(window, address, drawing) -> str:
+def jam(finished, drawing) -> str:
     """Path of a finished jam report of it."""
-    with window() as opened:
-        page = opened.new_page()
-        page.goto(address + drawing)
-        page.get_by_role("button", name="Does it jam?").click()
-        page.wait_for_url("**/jobs/*")
-        page.wait_for_selector(".stage[data-replay]")
-        return page.url.split("/ui/")[1]
+    return finished(drawing, "Does it jam?", ".stage[data-replay]")
 
 
 def test_meshes_of_every_kind_are_drawn(visit, drawing):
@@ -184,15 +178,9 @@ def test_everything_of_a_result_is_in_its_archive(visit, jam, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def doubt(window, address, study, folder) -> str:
+def doubt(finished, study, folder) -> str:
     """Path of a diagnosis that is not sure where the gap lies: as prepared, its places told otherwise."""
-    with window() as opened:
-        page = opened.new_page()
-        page.goto(address + study)
-        page.get_by_role("button", name="Diagnose").click()
-        page.wait_for_url("**/jobs/*")
-        page.wait_for_selector(".badge")
-        path = page.url.split("/ui/")[1]
+    path = finished(study, "Diagnose", ".badge")
     service = open_service(Settings(data_folder=folder))
     place = Path(service.storage._place(file_of(service, path.rsplit("/", 1)[1], "pictures.json").key))
     before = place.read_bytes()
