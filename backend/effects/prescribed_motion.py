@@ -7,7 +7,7 @@ from backend.effects.shapes import AbstractJointMotion
 
 
 class PrescribedMotion(AbstractJointMotion):
-    """q follows its value; recorded as an input it follows the record."""
+    """q follows its value; recorded as an input it follows the record, joined smoothly between samples."""
 
     kind = "prescribed_motion"
     acts_on = "joint"

@@ -75,7 +75,8 @@ class Experiment:
     tracks: time_s, marker, x_m, y_m, z_m, sigma_m and what else the tracker wrote (world frame; NaN: not
     measured).
     joint_positions: time_s, joint, q, sigma [rad or m].
-    inputs: time_s, effect, parameter, value, held until the next row of the same effect and parameter.
+    inputs: time_s, effect, parameter, value: a force or torque, held until the next row of the same effect and
+    parameter; or a path, joined smoothly between rows.
     joint_efforts: time_s, joint, effort, sigma [N m or N].
     camera: the file of the calibrated camera that took the tracks, with the pose it had: a fit then compares pixels.
     overrides: effect id -> parameters that differ from the drawing in this experiment.

@@ -6,15 +6,12 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.interpolate import Akima1DInterpolator
 
 from backend.mechanism.study import Experiment
 from backend.model.model import Address, Model
 from backend.model.placed import Placed
 from backend.model.system import System
-
-ROUNDING = (
-    1e-6  # of a step: a sample taken at the step's end counts, though k h and (k - 1) h + h differ in the last bit
-)
 
 
 class Record(eqx.Module):
@@ -67,10 +64,11 @@ def on_steps(
     steps: int,
     start_s: float = 0.0,
 ) -> Record:
-    """Recorded drives (address, times [s], values; zero-order hold) on the steps of a rollout.
+    """Recorded drives (address, times [s], values) on the steps of a rollout.
 
-    A force acts at a node for the step around it, so it enters as its mean over that step: no impulse of a coarse
-    or uneven record is lost.  A prescribed path enters as its value at the step's end.
+    A force, held from each sample to the next, acts at a node for the step around it, so it enters as its mean over
+    that step: no impulse of a coarse or uneven record is lost.  A prescribed path enters as its value at the step's
+    end.
 
     Raises ValueError naming an effect or parameter that takes no record.
     """
@@ -83,7 +81,7 @@ def on_steps(
             takes = [f"{e}.{p}" for (e, p), r in table.items() if r.declaration.drive]
             raise ValueError(f"'{effect}.{name}' takes no recorded input; inputs here: {', '.join(takes) or 'none'}")
         if drive == "end":
-            column = held_value(times, values, nodes + (1 + ROUNDING) * step_s)
+            column = path_value(times, values, nodes + step_s)
         else:
             column = mean_value(times, values, nodes - 0.5 * step_s, nodes + 0.5 * step_s)
         columns += [column] * len(at)
@@ -91,9 +89,13 @@ def on_steps(
     return Record(jnp.asarray(np.stack(columns, -1)), tuple(driven))
 
 
-def held_value(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Value of a zero-order hold; the first value before the record starts."""
-    return values[np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(values) - 1)]
+def path_value(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Where a path is that was sampled: joined smoothly between samples, for what moves does not jump, and without
+    overshoot where it stops (Akima 1970, modified); at rest before its first sample and after its last.
+    """
+    if len(times) < 2:
+        return np.full(len(at), values[0])
+    return Akima1DInterpolator(times, values, method="makima")(np.clip(at, times[0], times[-1]))
 
 
 def mean_value(times: np.ndarray, values: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -67,4 +67,18 @@ def test_a_record_on_the_steps_themselves_is_read_at_each_steps_end():
     steps, step_s = 3000, 1e-3
     times = np.arange(steps + 2) * step_s
     record = on_steps(model, [(("motor", "q"), times, np.arange(steps + 2.0))], step_s, steps)
-    np.testing.assert_array_equal(record.values[:, 0], np.arange(1.0, steps + 2))
+    np.testing.assert_allclose(record.values[:, 0], np.arange(1.0, steps + 2), rtol=1e-12)
+
+
+def test_a_path_is_joined_smoothly_between_its_samples_and_stops_without_overshoot():
+    model = build(slider_crank(effects=[effect("motor", "prescribed_motion", ["main"])]))
+    told = lambda t: np.where(t < 0.5, 0.4 * (1.0 - np.cos(2 * np.pi * t)), 0.8)  # noqa: E731 - turns, then rests
+    coarse, steps, step_s = np.arange(0.0, 1.0, 0.01), 900, 1e-3
+    record = on_steps(model, [(("motor", "q"), coarse, told(coarse))], step_s, steps)
+    at = step_s * np.arange(1, steps + 2)
+    found = np.asarray(record.values[:, 0])
+    np.testing.assert_allclose(found, told(at), atol=1e-4)  # held from sample to sample it would be off by 0.025
+    assert found.max() <= 0.8 + 1e-12
+    for samples in (1, 2):  # too few for a curve
+        few = on_steps(model, [(("motor", "q"), coarse[:samples], 0.3 + coarse[:samples])], step_s, 20)
+        np.testing.assert_allclose(few.values[:, 0], 0.3 + np.minimum(at[:21], coarse[samples - 1]), atol=1e-12)
