@@ -28,7 +28,7 @@ from backend.diagnose.standards import STRICT, SURE, WIDE, form
 from backend.diagnose.subject import SAME, Subject, prepare
 from backend.diagnose.unknown import unknown_evidence
 from backend.diagnose.verdict import make_report
-from backend.diagnose.where import MissingForce, place_evidence, shares
+from backend.diagnose.where import MissingForce, locations, place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Search
 from backend.fit.fit_study import default_step
 from backend.fit.guess import told
@@ -226,8 +226,11 @@ class _Inquiry:
         joints = {k: v for k, v in model_free.items() if k.startswith("joint:")}
         missing = None
         if verdict != "none" and joints:
-            at = max(joints, key=lambda k: joints[k]).partition(":")[2]
-            missing = MissingForce(self.subject, baseline.fitted, latent, at, self.scale)
+            # Where a cause is named at a joint, what is missing is told there: in a linkage of one freedom a force at
+            # any joint does nearly the same.
+            named = locations(belief, free)[0].at if belief.causes else ""
+            at = named if named in latent.forces else max(joints, key=lambda k: joints[k])
+            missing = MissingForce(self.subject, baseline.fitted, latent, at.partition(":")[2], self.scale)
         also: dict[tuple[str, ...], list[list[str]]] = {}
         fitted = {c.names: c for c in causes}
         if verdict != "none":

@@ -74,7 +74,7 @@ class MissingForce:
             at += count
 
     def phases(self) -> list[Phase]:
-        """Stretches in which the missing force stands out of its band."""
+        """Stretches in which the missing force stands out of its band: the largest, in the order of time."""
         found = []
         for experiment, (time, mean, sd) in self.series.items():
             loud = np.abs(mean) > LOUD * np.maximum(sd, 1e-300)
@@ -87,7 +87,8 @@ class MissingForce:
                         unit=self.unit,
                     )
                 )  # fmt: skip
-        return sorted(found, key=lambda p: -abs(p.missing) * (p.end_s - p.start_s))[:MOST]
+        largest = sorted(range(len(found)), key=lambda i: -abs(found[i].missing) * (found[i].end_s - found[i].start_s))
+        return [found[i] for i in sorted(largest[:MOST])]
 
 
 def _counts(L: Float[np.ndarray, "n bumps"], rows: Sequence[slice]) -> list[int]:

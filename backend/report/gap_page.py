@@ -171,11 +171,19 @@ def missing_forces(evidence: GapEvidence) -> list[Chart]:
 def _model_free(evidence: GapEvidence) -> str:
     """How probably the gap lies at that joint, whatever the library says."""
     shares = {p.at: p.probability for p in evidence.report.where.model_free}
-    share = shares.get(f"joint:{evidence.missing_at}")
-    if share is None:
+    if not shares:
         return ""
+    share = shares.get(f"joint:{evidence.missing_at}", 0.0)
     sure = percent(share).replace(" ", KEPT)
     said = f"Judged without the library, by unknown forces and shifts alone, the gap lies here with {sure}"
+    named = evidence.report.suspected[0].at if evidence.report.suspected else ""
+    if share < DOUBTFUL and named == f"joint:{evidence.missing_at}":
+        likeliest = max(shares, key=lambda at: shares[at])
+        return (
+            f"The library's explanation acts here. Unknown forces and shifts alone would rather lie at "
+            f"{place_name(likeliest)} ({percent(shares[likeliest]).replace(' ', KEPT)}): in a linkage a force at one "
+            f"place does nearly what one at another does."
+        )
     if share < DOUBTFUL:
         return f"{said}: the curves say how large a {force_kind(evidence)} would have to be, not that there is one."
     return f"{said}."

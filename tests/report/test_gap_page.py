@@ -231,6 +231,18 @@ def test_a_stretch_of_missing_torque_is_shaded_where_it_begins_and_ends(tmp_path
     assert width == pytest.approx(0.4 / (right - left) * columns, abs=0.1)
 
 
+def test_a_page_owns_that_unknown_forces_alone_would_lie_elsewhere_than_the_cause(tmp_path):
+    where = {
+        "locations": [{"at": "joint:pin", "probability": 1.0}],
+        "model_free": [{"at": "camera", "probability": 1.0}],
+    }
+    page = page_of(evidence(where=where), tmp_path)
+    assert "The library's explanation acts here." in page.text
+    assert "would rather lie at the camera (> 99%)" in page.text
+    where["model_free"] = [{"at": "joint:pin", "probability": 0.9}, {"at": "camera", "probability": 0.1}]
+    assert "the gap lies here with 90%." in page_of(evidence(where=where), tmp_path).text
+
+
 def test_causes_come_with_their_probability_amount_and_aliases(tmp_path):
     page = page_of(evidence(), tmp_path)
     assert page.text.index("coulomb friction at pin 60%") < page.text.index("camera rotation 39%")
