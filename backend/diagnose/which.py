@@ -96,6 +96,21 @@ class Search:
 
         self.subject.over(one, [*self.subject.fit, *self.subject.held_out])
 
+    def step_error(self, drawn: Cause) -> float:
+        """How far off, in sums of squared sigmas, the error of the step that is put back may be: it is that of the
+        drawing's motion, from which the true one lies off by a share of the motion itself.
+        """
+        error, motion = 0.0, 0.0
+        for i, probe in enumerate(self.subject.fit):
+            white, data = self.subject.noise.whitening(probe.data, i), probe.data
+            if probe.correction is not None:
+                error += float(np.sum(white(probe.correction) ** 2))
+            way = data.value.copy()
+            for c in range(len(data.channels)):
+                way[data.channel == c] -= np.nanmean(way[data.channel == c])
+            motion += float(np.sum(white(np.nan_to_num(way)) ** 2))
+        return error * min(drawn.fitted.chi2 / max(motion, 1e-300), 1.0)
+
     def follow(self, choice: Choice, start: np.ndarray | None = None) -> Fitted:
         """Fit over as much of the records as the choice can follow."""
         x = start_of(self.subject, choice) if start is None else start

@@ -26,6 +26,8 @@ from backend.simulate.step import SOLUTION, Solved, step
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
 PAYMENTS = 4  # times a step is made again because a wall gave back more than it had taken
 UNSOLVED = 10.0  # times the tolerance: a step that leaves more is cut in two
+PATIENCE = 300  # iterations a step, on average, where an end is looked for and slopes go along: two are usual, a
+GRACE = 10  # hundred the hardest that moved; a part that begins behind a rigid wall takes a thousand to stand still
 
 
 class Trajectory(eqx.Module):
@@ -131,7 +133,7 @@ def rollout(
 
     record: known drives, sampled on the steps (see `record.on_steps`).  until: a node after which nobody looks: the
     motion ends there, or where it is lost; the nodes behind repeat the last, and no time is spent on them (forward
-    derivatives only).
+    derivatives only). A motion that takes more than PATIENCE iterations a step is then given up as lost, too.
     A step that cannot be solved is cut in two, up to `halvings` times (0 where derivatives backwards in time are
     wanted); after that the motion freezes and `lost` is set from there on, so that one jammed sample never spoils a
     batch.
@@ -166,19 +168,23 @@ def march(
 
         return lax.scan(advance, carry, drives, length=steps)
 
-    def wanted(given: tuple, now: tuple[Array, tuple[Motion, Array], Seen]) -> Array:
-        return (now[0] < given[-1]) & ~now[1][1]
+    def wanted(given: tuple, now: tuple[Array, Array, tuple[Motion, Array], Seen]) -> Array:
+        return (now[0] < given[-1]) & ~now[2][1]
 
-    def onward(given: tuple, now: tuple[Array, tuple[Motion, Array], Seen]) -> tuple:
-        (system, step_s, record, _), (k, carry, every) = given, now
+    def onward(given: tuple, now: tuple[Array, Array, tuple[Motion, Array], Seen]) -> tuple:
+        (system, step_s, record, _), (k, spent, carry, every) = given, now
         drives = None if record is None else record.values[k]
-        carry, seen = _advanced(step, system, carry, step_s, record, drives, halvings)
-        return k + 1, carry, jax.tree.map(lambda all_, one: all_.at[k].set(one), every, seen)
+        (motion, gone), seen = _advanced(step, system, carry, step_s, record, drives, halvings)
+        spent = spent + seen.iterations
+        gone = gone | (spent > PATIENCE * (k + GRACE))
+        every = jax.tree.map(lambda all_, one: all_.at[k].set(one), every, seen._replace(lost=gone))
+        return k + 1, spent, (motion, gone), every
 
     room = jax.tree.map(lambda one: jnp.zeros((steps, *one.shape), one.dtype), _unseen(system, carry[0]))
     room = _looked_at(room, by)
     given = system, step_s, record, jnp.minimum(until + 1, steps)
-    taken, carry, seen = loop(wanted, onward, given, (jnp.zeros((), dtype=int), carry, room))
+    none = jnp.zeros((), dtype=int)
+    taken, _, carry, seen = loop(wanted, onward, given, (none, none, carry, room))
     # What is lost stays lost: the last node, behind which no time is spent, says so for all that follow.
     behind = jnp.minimum(jnp.arange(steps), taken - 1)
     return carry, jax.tree.map(lambda all_: all_[behind], seen)

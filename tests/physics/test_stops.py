@@ -1,12 +1,17 @@
 """Ends of travel: never passed, and the blow keeps nothing."""
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from backend.mechanism.read import parse_mechanism
 from backend.model.build import build
-from tests.mechanisms import body, document, effect, sliding_mass
+from backend.model.state import Start, drawn_pose
+from backend.model.system import system
+from backend.simulate.rollout import rollout
+from tests.mechanisms import body, document, effect, pendulum, sliding_mass
 from tests.motions import follow
 
 STEP_S, STEPS, SPEED, END = 1e-3, 1000, 0.8, 0.2
@@ -75,3 +80,16 @@ def test_a_soft_end_gives_way_as_a_spring_of_its_stiffness_and_throws_back_what_
         assert motion.path.rate[-1, 0] == pytest.approx(-restitution * SPEED, rel=0.02, abs=1e-3)
     else:
         assert abs(motion.path.rate[-1, 0]) < 2e-2 * SPEED
+
+
+@pytest.mark.parametrize(("end", "lost"), [(-0.6, False), (1.5, True)])
+def test_a_search_soon_gives_up_a_bar_that_begins_far_behind_a_rigid_end(end, lost):
+    """A trial step of a fit may put an end there; to hold it still took a thousand iterations in every step."""
+    model = build(pendulum(0.9, effects=[effect("end", "joint_stop", ["pin"], lower=end, upper=3.0)]))
+    plant = system(model)
+    begun = Start(drawn_pose(model, plant), jnp.zeros((model.topology.slots, 6)))
+    last = jnp.asarray(STEPS)
+    path = eqx.filter_jit(rollout)(plant, begun, STEP_S, STEPS, halvings=8, until=last)
+    assert bool(path.lost[-1]) == lost
+    taken = np.asarray(path.iterations)[~np.asarray(path.lost)]
+    assert taken.sum() < 10 * STEPS
