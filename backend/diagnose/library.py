@@ -263,11 +263,12 @@ def _candidates(
                 made = Candidate(kind, on, places, reach, own, takes, family, worth, len(far) > 1)
                 rest = [i for i, p in enumerate(parameters) if p.kind == kind and p.on == on and i in unstated]
                 yield replace(made, closer=_closer(made, parameters, {i: unstated[i] for i in rest}))
-        if len(at) < 2 or (family != SMOOTH and family != LOAD) or catalogue()[kind].acts_on in ("world", "camera"):
+        effect = catalogue()[kind]
+        if len(at) < 2 or not effect.shared or family not in (SMOOTH, LOAD) or effect.acts_on in ("world", "camera"):
             continue
         alike: dict[tuple[str, ...], dict[tuple[float, ...], list[tuple[str, ...]]]] = {}
         for on, rows in at.items():
-            if catalogue()[kind].acts_on == "body" and still.issuperset(on):  # there by its tolerance alone
+            if effect.acts_on == "body" and still.issuperset(on):  # there by its tolerance alone
                 continue
             names, drawn_at = zip(*((parameters[i].parameter, parameters[i].start) for i in rows), strict=True)
             alike.setdefault(names, {}).setdefault(drawn_at, []).append(on)

@@ -11,6 +11,7 @@ class CenterOfMassError(AbstractDrawnError):
 
     kind = "center_of_mass_error"
     acts_on = "body"
+    shared = False
     offset_m: Float[Array, "3"] = parameter("m", "true minus drawn, in body axes", size=3, expected=0.02)
 
     def redraw(self, drawing, place):

@@ -84,6 +84,10 @@ class AbstractEffect(eqx.Module):
     """How often it is the cause of a gap, against the commonest: which of two names to say first where the data cannot
     tell them apart.
     """
+    shared: ClassVar[bool] = True
+    """Whether one value at all its places is a cause of its own: bars of one stock are all too heavy, but not all off
+    balance to the same side.
+    """
 
     @classmethod
     def declarations(cls) -> dict[str, Declaration]:

@@ -33,6 +33,13 @@ def test_a_cause_stands_at_each_place_and_at_all_of_them_together():
     assert {f"viscous_friction:{j}" for j in joints} | {"viscous_friction:all"} <= found
 
 
+def test_bars_are_not_all_off_balance_to_the_same_side():
+    found = {c.name for c in library(fourbar(), SMOOTH).candidates}
+    assert "mass_error:all" in found
+    assert "center_of_mass_error:all" not in found
+    assert {f"center_of_mass_error:{b}" for b in ("crank", "coupler", "rocker")} <= found
+
+
 def test_causes_that_change_the_structure_stand_apart():
     assert {"clearance", "joint_stop", "link_flexibility", LOAD} <= set(families())
     stops = [c for c in library(fourbar(), "joint_stop").candidates if c.kind == "joint_stop"]
