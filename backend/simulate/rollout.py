@@ -26,8 +26,9 @@ from backend.simulate.step import SOLUTION, Solved, step
 LOST = 1e-6  # error of a step, in mechanism lengths, above which its result is not a motion
 PAYMENTS = 4  # times a step is made again because a wall gave back more than it had taken
 UNSOLVED = 10.0  # times the tolerance: a step that leaves more is cut in two
-PATIENCE = 300  # iterations a step, on average, where an end is looked for and slopes go along: two are usual, a
-GRACE = 10  # hundred the hardest that moved; a part that begins behind a rigid wall takes a thousand to stand still
+# Iterations a step, on average and with some steps to spare, beyond which a motion with an end is given up: two are
+# usual, a hundred the hardest that moved; to hold a part that begins behind a rigid wall takes a thousand.
+PATIENCE, GRACE = 300, 10
 
 
 class Trajectory(eqx.Module):
