@@ -11,7 +11,6 @@ from backend.diagnose.library import SMOOTH, library
 from backend.diagnose.screen import Screen
 from backend.mechanism.study import Tolerance
 from tests.diagnose.test_diagnosis import COARSE_S, FEW, drawing, study
-from tests.mechanisms import double_pendulum
 
 __all__ = ["drawing"]  # the bar that hangs and swings, as a fixture
 
@@ -19,14 +18,14 @@ pytestmark = pytest.mark.timeout(600)
 LOOSE = Tolerance(kind="camera_scale", on=("camera",), sd=0.005)
 
 
-def test_each_number_of_a_shared_cause_begins_where_its_own_tolerances_are():
-    """Both bars of a pendulum, loose along and across: 1 and 2 mm along, 5 and 7 mm across."""
-    loose = [Tolerance(kind="center_of_mass_error", on=("upper", "lower"), sd=0.01)]
-    known = library(double_pendulum(), SMOOTH, loose)
-    (shared,) = [c for c in known.candidates if c.name == "center_of_mass_error:all"]
+def test_each_number_of_a_shared_cause_begins_where_its_own_tolerances_are(drawing):
+    """Both marks of a bar, loose along and across: 1 and 2 mm along, 5 and 7 mm across."""
+    loose = [Tolerance(kind="marker_offset", on=("tip", "mid"), sd=0.01)]
+    known = library(drawing, SMOOTH, loose)
+    (shared,) = [c for c in known.candidates if c.name == "marker_offset:all"]
     held = [known.parameters[i] for i in known.nuisances]
-    at = {f"{body}.offset_m[{k}]": 1e-3 * mm for body, k, mm in
-          (("upper", 0, 1), ("upper", 1, 5), ("lower", 0, 2), ("lower", 1, 7))}  # fmt: skip
+    at = {f"{marker}.{number}": 1e-3 * mm for marker, number, mm in
+          (("tip", "dx_m", 1), ("tip", "dy_m", 5), ("mid", "dx_m", 2), ("mid", "dy_m", 7))}  # fmt: skip
     values = np.array([at[p.name.partition(":")[2]] for p in held])
     choice: Any = SimpleNamespace(parameters=held, prior_sd=np.full(len(held), 0.01))
     about = Screen(
@@ -34,7 +33,7 @@ def test_each_number_of_a_shared_cause_begins_where_its_own_tolerances_are():
         np.zeros((3, len(known.parameters))), np.zeros(3), np.zeros(0), np.zeros((0, len(known.parameters))),
     )  # fmt: skip
     begin = {name.rpartition(".")[2]: value for name, value in about.guess(shared).items()}
-    assert begin == pytest.approx({"offset_m[0]": 1.5e-3, "offset_m[1]": 6e-3})
+    assert begin == pytest.approx({"dx_m": 1.5e-3, "dy_m": 6e-3})
 
 
 @pytest.mark.parametrize(("scale", "named"), [(1.005, False), (1.05, True)])
