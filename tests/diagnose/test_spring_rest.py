@@ -10,6 +10,7 @@ from tests.mechanisms import fourbar
 STIFF, REST = 0.05, 1.5
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_a_spring_that_rests_beyond_every_pose_is_found(drawing):  # noqa: F811
     from backend.diagnose.run import diagnose_study

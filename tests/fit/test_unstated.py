@@ -92,6 +92,7 @@ def test_the_report_says_what_its_intervals_allow_for_and_what_to_do(soft):
     assert any("clearance:play.stiffness_n_per_m (down to 100000 N/m)" in sentence for sentence in soft.warnings)
 
 
+@pytest.mark.nightly
 def test_walls_that_are_stated_leave_the_interval_to_the_noise():
     report = fitted(STATED, STATED)
     play = report.parameters[0]
