@@ -159,22 +159,31 @@ class Probe(Run):
             seen, slopes = seen + by_z @ x[self._z], slopes + by_z @ directions[:, self._z].T
         return np.where(lost, np.nan, seen), slopes
 
-    def correct(self, values: np.ndarray, own: np.ndarray) -> None:
-        """Measure the error of the step about a motion, and put it back into every prediction from now on.
+    def step_error(self, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "two samples"]:
+        """What the error of the step adds to every sample of a motion, to be put back into predictions; and the same
+        as steps twice as long tell it, which agrees where the error is of second order.
 
         A step of twice the length is off by four times as much (Richardson 1911), and the program that is compiled
         takes it as it is. A frame rate off by 1e-5 would otherwise be seen in a clean record.
         """
-        self.correction, self._last = None, None
-        fine = self.predict(values, own)[0]
-        long = replace(self, step_s=2.0 * self.step_s, _last=None)
-        setting, record = long.framed(self.setting.steps, self.setting.column.size), self.setting.record
-        if record is not None:
-            driven = record.addresses[0 if setting.record is None else len(setting.record.addresses) :]
-            setting = replace(setting, record=with_drives(setting.record, setting.steps, driven))
-        long.__dict__["setting"] = setting
-        coarse = long.predict(values, own)[0]
-        self.correction, self._last = np.nan_to_num((fine - coarse) / 3.0), None
+        one, two, four = (self._in_steps(times * self.step_s, values, own) for times in (1, 2, 4))
+        error = np.nan_to_num((one - two) / 3.0)
+        return np.stack([error, np.where(np.isfinite(two - four), (two - four) / 12.0, error)])
+
+    def _in_steps(self, step_s: float, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, " samples"]:
+        """The motion in other steps, by the same program."""
+        made, setting, record = (
+            replace(self, step_s=step_s, correction=None, _last=None),
+            self.setting,
+            self.setting.record,
+        )
+        if step_s != self.step_s:
+            setting = made.framed(setting.steps, setting.column.size)
+            if record is not None:
+                driven = record.addresses[0 if setting.record is None else len(setting.record.addresses) :]
+                setting = replace(setting, record=with_drives(setting.record, setting.steps, driven))
+        made.__dict__["setting"] = setting
+        return made.predict(values, own)[0]
 
     @property
     def _z(self) -> slice:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -29,7 +29,7 @@ from backend.diagnose.subject import SAME, Subject, prepare
 from backend.diagnose.unknown import unknown_evidence
 from backend.diagnose.verdict import make_report
 from backend.diagnose.where import MissingForce, locations, place_evidence, shares
-from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Search
+from backend.diagnose.which import LEADERS, ORDERLY, PARTNERS, REFITS, Search, orderly
 from backend.fit.fit_study import default_step
 from backend.fit.guess import told
 from backend.mechanism.apart import set_apart
@@ -41,11 +41,13 @@ UNUSUAL = 0.05  # p below which causes are weighed against nothing amiss: how of
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
 CLOSE = 8  # explanations that held-out experiments are asked about
 MOST_OF_IT = 0.9  # of the held-out gap: what a form that is a little wrong has to remove
+OF_MANY = 0.99  # the same of three effects and more, which imitate nine tenths of almost anything
 NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its name, though its form is not the last
 ON_THE_WAY = 2  # smaller sets about whose motion laws of unknown form are weighed, too
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that nearly fits is not named
 LIKELIER = 0.5  # the same of one that fits
 STEP_ERROR = 1.0  # sum of squared sigmas that the error of the step may be wrong by: a cause that is named gains nine
+ROUGH = 25.0  # the same of an error of no order, little of which is like any cause
 FINER = 2  # times the step is halved for it
 
 Progress = Callable[[float, str], None]
@@ -104,6 +106,7 @@ class _Inquiry:
         self.rng, self.done, self.planned = np.random.default_rng(seed), 0, 4.0 + REFITS + 2.0 * LEADERS * PARTNERS
         self.warnings: list[str] = []
         self.without = without
+        self.about_cause = False  # whether the error of the step is that of a cause's motion, not of the drawing's
         self.tell("building the library of effects")
         self.known = library(study.mechanism, SMOOTH, study.tolerances, without, driven)
         self.refinements = FINER if step_s is None else 0
@@ -120,30 +123,74 @@ class _Inquiry:
         """All steps."""
         self.tell("fitting the drawing as it is")
         baseline = self.search.baseline()
-        while self.refinements and self.search.step_error(baseline) > STEP_ERROR:
+        while self.refinements and (error := self.search.step_error(baseline)) > STEP_ERROR:
             self.refinements -= 1
-            self.tell("fitting the drawing as it is, with half the step")
-            self.subject = prepare(self.study, self.known, 0.5 * self.subject.step_s, kept=self.subject.kept)
-            self.search = Search(self.subject, self.tell, self.cancelled)
-            baseline = self.search.baseline()
-        loudness = np.linalg.norm(library_slopes(baseline.fitted), axis=0)
-        self.subject.library = heard(self.subject.library, loudness)
-        about = self.search.screen(baseline)
-        latent = self.search.latent
-        at_base = adequacy(baseline.fitted, latent, self.rng)
-        self.scale = max(1.0, at_base.noise if baseline.fitted.fraction == 1.0 and at_base.noise < 1.5 else 1.0)
-        p = self.p_gap(about, at_base)
-        model_free = place_evidence(baseline.fitted, latent, self.scale)
-        first = self.held_out(baseline)
-        if p > UNUSUAL and baseline.fitted.fraction == 1.0:
-            return self.report("none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first)
-        singles = self.search.level([baseline], REFITS)
+            coarse = self.subject, self.search, baseline
+            baseline = self.begin_again("with half the step", 0.5)
+            if self.search.step_error(baseline) > 0.5 * error:  # it is not the step's
+                (self.subject, self.search, baseline), self.refinements = coarse, 0
+        while True:
+            loudness = np.linalg.norm(library_slopes(baseline.fitted), axis=0)
+            self.subject.library = heard(self.subject.library, loudness)
+            about = self.search.screen(baseline)
+            latent = self.search.latent
+            at_base = adequacy(baseline.fitted, latent, self.rng)
+            whole = baseline.fitted.fraction == 1.0
+            self.scale = max(1.0, at_base.noise if whole and at_base.noise < 1.5 else 1.0)
+            p = self.p_gap(about, at_base)
+            model_free = place_evidence(baseline.fitted, latent, self.scale)
+            first = self.held_out(baseline)
+            if p > UNUSUAL and whole:
+                return self.report(
+                    "none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first
+                )
+            singles = self.search.level([baseline], REFITS)
+            if (again := self.step_about_cause(baseline, singles)) is None:
+                break
+            baseline = again
         if p > CLEAR and baseline.fitted.fraction == 1.0 and self.doubtful(baseline, singles):
             return self.report("none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first)
         climb = Climb(self.search, baseline, at_base, self.scale, self.tolerance_m, self.study, self.rng, self.without)
         best, last = climb.confirmed(*climb.plain(*climb.switching(*climb.smooth(singles))))
         self.scale = climb.scale
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb)
+
+    def begin_again(self, how: str, step: float, errors: Sequence[np.ndarray] = ()) -> Cause:
+        """The drawing fitted anew, with this share of the step and these errors of it put back."""
+        self.tell(f"fitting the drawing as it is, {how}")
+        self.subject = prepare(self.study, self.known, step * self.subject.step_s, kept=self.subject.kept)
+        if errors:
+            self.subject.put_back(errors)
+        self.search = Search(self.subject, self.tell, self.cancelled)
+        return self.search.baseline()
+
+    def step_about_cause(self, baseline: Cause, singles: list[Cause]) -> Cause | None:
+        """The drawing anew where the step errs about the motion of a cause that explains most of a gap by more than
+        could be taken for another: with that error put back, or with half the step where the error is of no order, as
+        of dry friction that holds and lets go; None where nothing was to be done.
+        """
+        leader = max((c for c in singles if c.fitted.fraction == 1.0), key=lambda c: c.log_z, default=None)
+        if leader is None:
+            return None
+        if baseline.fitted.fraction == 1.0 and leader.fitted.chi2 > (1.0 - MOST_OF_IT) * baseline.fitted.chi2:
+            return None
+        errors = self.search.step_errors(leader.fitted)
+        once, twice = zip(*errors, strict=True)
+        known = [
+            0.0 * e if p.correction is None else p.correction for p, e in zip(self.subject.fit, once, strict=False)
+        ]
+        if (off := self.search.apart(once, known)) < STEP_ERROR:
+            return None
+        if self.search.apart(once, twice) > ORDERLY * off:
+            if not self.refinements or off < ROUGH:
+                return None
+            self.refinements -= 1
+            return self.begin_again("with half the step", 0.5)
+        if self.about_cause:
+            return None
+        self.about_cause = True
+        how = f"with the error of the step about {' + '.join(leader.names)}"
+        return self.begin_again(how, 1.0, orderly(errors))
 
     def doubtful(self, baseline: Cause, causes: list[Cause]) -> bool:
         """Whether nothing amiss is likelier than all named causes together, and no unknown law beyond doubt, though a
@@ -183,7 +230,7 @@ class _Inquiry:
             removed = 1.0 - last.power / max(gap_power(baseline.fitted, best.fitted, at_base.power), 1e-12)
         complete = best.fitted.fraction == 1.0
         fits = fits and len(best.candidates) <= SURE and not (climb.large or climb.names_a_remainder(best))
-        nearly = removed >= MOST_OF_IT and complete
+        nearly = removed >= (MOST_OF_IT if len(best.candidates) <= SURE else OF_MANY) and complete
         verdict = "identified" if fits and complete else "approximate" if nearly else "unknown"
         if verdict == "unknown" and p > CLEAR and baseline.fitted.fraction == best.fitted.fraction == 1.0:
             tried = [c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == 1.0]
@@ -215,6 +262,7 @@ class _Inquiry:
         weighed = partial(
             weigh, same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown,
             one_motion=one_motion(causes) if best.candidates else (),
+            believed=1.0 - DOUBT if verdict == "unknown" else 1.0,
         )  # fmt: skip
         belief = weighed()
         if exact and best.candidates:  # where no form is right, held-out experiments judge by what all of them lack

@@ -120,6 +120,11 @@ class Subject:
         known.append((r, make()))
         return known[-1][1]
 
+    def put_back(self, errors: Sequence[Float[np.ndarray, " samples"]]) -> None:
+        """Errors of the step, of the fitted and then of the held-out experiments, into every prediction from now on."""
+        for probe, error in zip((*self.fit, *self.held_out), errors, strict=True):
+            probe.correction, probe._last = error, None
+
     def over(self, work: Callable[[Item], Made], items: Sequence[Item]) -> list[Made]:
         """One after the other on each core."""
         with ThreadPoolExecutor(max_workers=min(max(len(items), 1), os.cpu_count() or 1)) as pool:

@@ -35,9 +35,17 @@ CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
+ORDERLY = 0.25  # of an error's square, by which twice the step may say otherwise where the error is of second order
 APART = 9.0  # squared sd below which two explanations do the same
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
 Wider = Mapping[str, Sequence[Candidate]]
+
+
+def orderly(errors: Sequence[Float[np.ndarray, "two samples"]]) -> list[Float[np.ndarray, " samples"]]:
+    """Errors of the step to put back: those of second order. Others, of friction that holds and lets go or of a
+    record's own grain, are not what the next motion has.
+    """
+    return [one if np.sum((one - two) ** 2) < ORDERLY * np.sum(one**2) else 0.0 * one for one, two in errors]
 
 
 @dataclass
@@ -72,8 +80,8 @@ class Search:
         """The drawing with its tolerances alone, as far into the records as it follows them."""
         made = self.follow(self.subject.choose())
         self.followed = made.fraction
-        if made.fraction == 1.0:
-            self._correct_steps(made)
+        if made.fraction == 1.0 and all(p.correction is None for p in self.subject.fit):
+            self.subject.put_back(orderly(self.step_errors(made)))
             made = fit(self.subject, made.choice, start=made.x)
         self.raw = raw = forces(self.subject, made)
         self.known = responses(self.subject, made, raw)
@@ -84,17 +92,24 @@ class Search:
                 self.known = responses(self.subject, made, raw)
         return self.keep(made)
 
-    def _correct_steps(self, fitted: Fitted) -> None:
-        """Let every experiment put the error of its step back."""
+    def step_errors(self, fitted: Fitted) -> list[Float[np.ndarray, "two samples"]]:
+        """What the error of the step adds to every experiment's samples about a motion, of those fitted and then of
+        those held out; and the same as twice the step tells it.
+        """
         ties, neutral = fitted.choice.ties, self.subject.neutral
 
-        def one(probe: Probe) -> None:
+        def one(probe: Probe) -> np.ndarray:
             moved = probe.choose(ties, neutral)
             runs = [i for i, p in enumerate(self.subject.fit) if p is probe]
-            moved.correct(fitted.values, fitted.own(runs[0]) if runs else moved.settle(fitted.values))
-            probe.correction = moved.correction
+            return moved.step_error(fitted.values, fitted.own(runs[0]) if runs else moved.settle(fitted.values))
 
-        self.subject.over(one, [*self.subject.fit, *self.subject.held_out])
+        return self.subject.over(one, [*self.subject.fit, *self.subject.held_out])
+
+    def apart(self, errors: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
+        """How far errors of the step in the fitted experiments lie from others, in sums of squared sigmas."""
+        off = (one - other for one, other in zip(errors, others, strict=False))
+        white = (self.subject.noise.whitening(p.data, i) for i, p in enumerate(self.subject.fit))
+        return sum(float(np.sum(w(e) ** 2)) for w, e in zip(white, off, strict=False))
 
     def step_error(self, drawn: Cause) -> float:
         """How far off, in sums of squared sigmas, the error of the step that is put back may be: it is that of the

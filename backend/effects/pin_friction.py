@@ -19,6 +19,10 @@ class PinFriction(AbstractDryFriction):
         "rad", "turn by which it gives before it slides", lower=0.0, upper=0.01, joint_types=("revolute",),
         typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
     )  # fmt: skip
+    onset_rad_per_s: Float[Array, ""] = parameter(
+        "rad/s", "rate at which it reaches 71% of its size", lower=0.0, upper=0.05, joint_types=("revolute",),
+        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
+    )  # fmt: skip
 
     def limit(self, load, pin_radius):
         """In proportion to the load."""
@@ -27,3 +31,7 @@ class PinFriction(AbstractDryFriction):
     def presliding(self):
         """The same under any load."""
         return self.presliding_rad
+
+    def onset(self):
+        """The same under any load."""
+        return self.onset_rad_per_s

@@ -28,6 +28,10 @@ class AbstractRub(AbstractEffect):
     def presliding(self) -> Scalar:
         """How far the joint gives under friction that has not let go, as if it were elastic up to there [rad or m]."""
 
+    @abstractmethod
+    def onset(self) -> Scalar:
+        """Rate at which friction bears 71% of its limit: below it a joint creeps that would hold [rad/s or m/s]."""
+
 
 class AbstractDryFriction(AbstractRub):
     """Effort against a joint's motion up to a limit that grows linearly with the load the joint carries."""

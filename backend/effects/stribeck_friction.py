@@ -45,9 +45,17 @@ class StribeckFriction(AbstractRateFriction):
         "rad", "turn by which it gives before it slides", lower=0.0, upper=0.01, joint_types=TURNING,
         typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
     )  # fmt: skip
+    onset_rad_per_s: Float[Array, ""] = parameter(
+        "rad/s", "rate at which it reaches 71% of its size", lower=0.0, upper=0.05, joint_types=TURNING,
+        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
+    )  # fmt: skip
     presliding_m: Float[Array, ""] = parameter(
         "m", "travel by which it gives before it slides", lower=0.0, upper=1e-3, joint_types=SLIDING,
         typical=1e-4, by_name=True, expected=1.0, tries=(0.5,),
+    )  # fmt: skip
+    onset_m_per_s: Float[Array, ""] = parameter(
+        "m/s", "rate at which it reaches 71% of its size", lower=0.0, upper=0.01, joint_types=SLIDING,
+        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
     )  # fmt: skip
 
     def limit(self, rate):
@@ -59,6 +67,10 @@ class StribeckFriction(AbstractRateFriction):
     def presliding(self):
         """A joint has only one of them."""
         return self.presliding_rad + self.presliding_m
+
+    def onset(self):
+        """Alike."""
+        return self.onset_rad_per_s + self.onset_m_per_s
 
 
 def _level(static: Array, kinetic: Array, relative: Array) -> Array:

@@ -71,7 +71,7 @@ def _where(model: Model, placed: Placed, row: int) -> str:
 
 
 def _held_stiffly(effect: AbstractRub) -> str:
-    return "that it gives before it slides is left out" if float(effect.presliding()) > 0.0 else ""
+    return "that it gives before it slides is left out" if float(effect.presliding() + effect.onset()) > 0.0 else ""
 
 
 def _sentence(effect: AbstractEffect) -> str:

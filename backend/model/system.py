@@ -96,6 +96,8 @@ class System(eqx.Module):
     dry_per_load: Float[Array, "joints"]
     bend: Float[Array, "joints"]
     """Limit of dry friction where a joint carries the mechanism's weight, times how far it gives before it slides."""
+    creep: Float[Array, "joints"]
+    """The same limit, times the rate of its onset."""
     rotor: Float[Array, "joints"]
     stiffness: Float[Array, "joints"]
     """Of springs that act through the step, along the coordinates [N m/rad or N/m]."""
@@ -176,7 +178,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
     motions = model.of(AbstractJointMotion)
     driven = tuple(sorted({int(j) for placed in motions for j in placed.at()}))
     types = [joint_of_type(t) for t in topology.joint_types]
-    limits, bends = _dry_limits(model, drawing)
+    limits, yields = _dry_limits(model, drawing)
     coordinate = [t.coordinate for t in types]
     struts, sections = model.of(AbstractStrut), model.of(AbstractSection)
     anchors = [jax.vmap(lambda e: e.anchors())(placed.here) for placed in struts]
@@ -215,7 +217,8 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         damping=_total(joints, [*model.of(AbstractJointDamping), *sections], lambda e: e.damping()),
         dry_limit=limits[0],
         dry_per_load=limits[1],
-        bend=bends,
+        bend=yields[0],
+        creep=yields[1],
         rotor=_total(joints, model.of(AbstractJointInertia), lambda e: e.inertia()),
         stiffness=_total(joints, sections, lambda e: e.stiffness()),
         rest=jnp.zeros(joints),
@@ -308,18 +311,19 @@ def _mean_where(mask: np.ndarray, values: Array) -> Array:
 
 def _dry_limits(model: Model, drawing: Drawing) -> tuple[Array, Array]:
     """Constant part of the limits and their slope in the load (2, joints) (the shape is linear in it); and, under the
-    mechanism's weight, the limits times how far each gives.
+    mechanism's weight, the limits times how far each gives and times the rate of its onset (2, joints).
     """
     joints, heavy = drawing.pin_radius.shape[0], model.scale.mass_kg * model.scale.gravity_m_per_s2
-    limits, bends = jnp.zeros((2, joints)), jnp.zeros(joints)
+    limits, yields = jnp.zeros((2, joints)), jnp.zeros((2, joints))
     for placed in model.of(AbstractDryFriction):
-        radius, gives = drawing.pin_radius[placed.at()], jax.vmap(lambda e: e.presliding())(placed.here)
+        radius, gives = drawing.pin_radius[placed.at()], jax.vmap(lambda e: jnp.stack([e.presliding(), e.onset()]))
         unloaded = jax.vmap(lambda e, r: e.limit(jnp.zeros(()), r))(placed.here, radius)
         loaded = jax.vmap(lambda e, r: e.limit(jnp.ones(()), r))(placed.here, radius)
         own = (unloaded, loaded - unloaded)
         limits = limits + jnp.stack([placed.summed(joints, part) for part in own])
-        bends = bends + placed.summed(joints, gives * (own[0] + heavy * own[1]))
-    return limits, bends
+        by = gives(placed.here) * (own[0] + heavy * own[1])[:, None]
+        yields = yields + jnp.stack([placed.summed(joints, part) for part in by.T])
+    return limits, yields
 
 
 def _depends_on_load(placed: Placed) -> bool:

@@ -129,13 +129,14 @@ def frame(
     weight = 0.5 * (motion.before_s + step_s)
     force = forces.body_forces(system, bodies, motion.velocity, lines)
     rate = _expected_rate(system, motion, rows.jacobian)
+    presliding, onset = forces.giving(system, rate)
     drive = Drive(
         step_s,
         weight,
         forces.dry_limits(system, rate),
-        forces.presliding(system, rate),
+        presliding,
         motion.borne,
-        step_s * piece.blur * system.stick_rate,
+        step_s * (piece.blur * system.stick_rate + onset),
         weight * forces.joint_efforts(system, motion.q),
         motion.rate,
         motion.q,

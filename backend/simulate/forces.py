@@ -96,14 +96,15 @@ def dry_limits(system: System, rate: Float[Array, "joints"]) -> Float[Array, "jo
     return system.dry_limit + _of_rates(system, rate, lambda e, x: e.limit(x))
 
 
-def presliding(system: System, rate: Float[Array, "joints"]) -> Float[Array, "joints"]:
-    """How far dry friction gives before it slides [rad or m]: where a joint has several kinds, each counts by its limit
-    under the mechanism's weight.
+def giving(system: System, rate: Float[Array, "joints"]) -> tuple[Float[Array, "joints"], Float[Array, "joints"]]:
+    """How far dry friction gives before it slides [rad or m], and the rate of its onset [rad/s or m/s]: where a joint
+    has several kinds, each counts by its limit under the mechanism's weight.
     """
     bend = system.bend + _of_rates(system, rate, lambda e, x: e.limit(x) * e.presliding())
+    creep = system.creep + _of_rates(system, rate, lambda e, x: e.limit(x) * e.onset())
     heavy = system.scale.mass_kg * system.scale.gravity_m_per_s2
-    limit = dry_limits(system, rate) + heavy * system.dry_per_load
-    return bend / (limit + NO_LIMIT * heavy * system.scale.length_m)
+    limit = dry_limits(system, rate) + heavy * system.dry_per_load + NO_LIMIT * heavy * system.scale.length_m
+    return bend / limit, creep / limit
 
 
 def _of_rates(

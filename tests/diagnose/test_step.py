@@ -1,5 +1,6 @@
 """The step of a diagnosis: halved where its error could be taken for a cause."""
 
+import numpy as np
 import pytest
 
 from backend.effects.catalogue import catalogue
@@ -10,6 +11,7 @@ __all__ = ["drawing"]  # a fixture
 pytestmark = pytest.mark.timeout(600)
 
 ONLY = frozenset(set(catalogue()) - {"coulomb_friction"})
+VISCOUS = frozenset(set(catalogue()) - {"viscous_friction"})
 
 
 class Enough(Exception):
@@ -37,3 +39,32 @@ def test_a_step_is_halved_until_its_error_cannot_be_taken_for_a_cause(drawing, m
     # A step of second order that is halved twice errs by a sixteenth, of which the square counts.
     assert coarse / fine == pytest.approx(256.0, rel=0.3)
     assert coarse < 1.0  # of this bar nothing would have been halved
+
+
+def test_an_error_of_another_order_is_not_put_back():
+    from backend.diagnose.which import orderly
+
+    smooth, grain = np.array([1e-4, -2e-4, 3e-4]), np.array([2e-4, 1e-4, -1e-4])
+    once, twice = orderly([np.stack([smooth, 1.1 * smooth]), np.stack([smooth, 0.3 * smooth + grain])])
+    np.testing.assert_array_equal(once, smooth)
+    np.testing.assert_array_equal(twice, 0.0)
+
+
+@pytest.mark.parametrize("much", [False, True])
+def test_the_step_errs_about_the_cause_where_that_is_another_error(drawing, monkeypatch, much):
+    """A bar that is braked: as drawn it swings on."""
+    from backend.diagnose import run
+
+    monkeypatch.setattr(run, "STEP_ERROR", 0.0 if much else 1e9)
+    monkeypatch.setattr(run, "ROUGH", 1e9)
+    found = run.diagnose_study(study(drawing, 1, torque=braked, frames=24), without=VISCOUS, step_s=COARSE_S)
+    search = run.Search(found.subject, lambda words: None, lambda: False)
+    (named,) = found.best.candidates
+    assert named.name == "viscous_friction:j1"
+    known = [p.correction for p in found.subject.fit]
+    about = [search.apart(run.orderly(search.step_errors(c.fitted)), known) for c in (found.best, found.baseline)]
+    assert (about[0] < 0.01 * about[1]) == much
+
+
+def braked(t, q, rate):
+    return -0.03 * rate

@@ -62,6 +62,8 @@ SIZES = {  # what is large enough to see in a quarter of a second, and not so la
     "stribeck_velocity_m_per_s": 0.1,
     "presliding_rad": 5e-3,
     "presliding_m": 2e-4,
+    "onset_rad_per_s": 5e-3,
+    "onset_m_per_s": 2e-3,
     "radius_a_m": 0.01,
     "radius_b_m": 0.012,
     "radial_m": 2e-4,

@@ -1,4 +1,4 @@
-"""Dry friction that gives a little before it slides: LuGre's bristles without their damping."""
+"""Dry friction that gives a little before it slides (LuGre's bristles without their damping), or creeps."""
 
 import numpy as np
 import pytest
@@ -44,6 +44,23 @@ def test_a_rubbing_bar_swings_as_bristles_bend(gives):
     assert off[1] < 2.5e-3  # rad of a swing of 1.9: friction acts half a step early
     assert off[1] < 0.45 * off[0]
     assert off[1] < 0.1 * np.abs(swing(0.0, 5e-4) - exact).max()
+
+
+def test_a_bar_whose_friction_sets_in_with_its_rate_creeps_down():
+    onset, step_s = 0.03, 5e-4
+
+    def slope(_, y):
+        q, rate = y
+        rub = LIMIT * rate / np.hypot(rate, onset)
+        return [rate, -(MASS * G * LENGTH / 2 * np.sin(q + ANGLE) + rub) / ABOUT_PIN]
+
+    time_s = np.linspace(0.0, DURATION_S, round(DURATION_S / 2e-3) + 1)
+    exact = solve_ivp(slope, (0.0, DURATION_S), np.zeros(2), t_eval=time_s, rtol=1e-9, atol=1e-11, method="LSODA").y[0]
+    dry = effect("dry", "coulomb_friction", ["pin"], friction_torque_n_m=LIMIT, onset_rad_per_s=onset)
+    motion = follow(build(pendulum(ANGLE, LENGTH, MASS, [dry])), step_s, round(DURATION_S / step_s))
+    off = np.abs(motion.path.q[:: round(2e-3 / step_s), 0] - exact).max()
+    assert off < 2.5e-3
+    assert np.abs(swing(0.0, step_s) - exact).max() > 4.0 * off
 
 
 def test_a_block_under_half_of_its_friction_gives_and_comes_back():
