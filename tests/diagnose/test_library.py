@@ -84,10 +84,10 @@ def test_a_joint_reaches_the_bodies_that_it_joins_but_not_the_ground():
 
 def test_dry_friction_brings_how_far_it_gives_where_a_joint_of_its_type_has_that():
     (rub,) = [c for c in library(fourbar(), SMOOTH).candidates if c.name == "coulomb_friction:j1"]
-    assert [p.parameter for p in rub.parameters] == ["friction_torque_n_m", "presliding_rad"]
-    assert rub.sizes.tolist() == [True, False]
-    assert rub.allows(np.array([0.1, -1.0]))
-    assert not rub.allows(np.array([-0.1, 1.0]))  # friction does not drive
+    assert [p.parameter for p in rub.parameters] == ["friction_torque_n_m", "presliding_rad", "onset_rad_per_s"]
+    assert rub.sizes.tolist() == [True, False, False]
+    assert rub.allows(np.array([0.1, -1.0, -1.0]))
+    assert not rub.allows(np.array([-0.1, 1.0, 1.0]))  # friction does not drive
 
 
 def test_a_drawn_friction_stands_as_it_is_drawn():
@@ -96,7 +96,7 @@ def test_a_drawn_friction_stands_as_it_is_drawn():
     at = {p.name: (p.start, value) for p, value in zip(found.parameters, found.neutral, strict=True)}
     own = [p.name for p in found.parameters if p.kind == "coulomb_friction" and p.addresses[0][0] == "dry"]
     assert {name.rpartition(".")[2]: at[name] for name in own} == {
-        "friction_torque_n_m": (0.01, 0.01), "presliding_rad": (0.0, 0.0),
+        "friction_torque_n_m": (0.01, 0.01), "presliding_rad": (0.0, 0.0), "onset_rad_per_s": (0.0, 0.0),
     }  # fmt: skip
 
 
