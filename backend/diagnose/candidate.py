@@ -45,12 +45,18 @@ class Candidate:
     share: float = 1.0
     """Of its kind's likelihood, beside an equal part for every candidate: each kind is as likely as the next, wherever
     it may act."""
+    settled_m: float = 0.0
+    """Of play: how far from the middle of its hole a pin may lie before the release, see `settled`."""
 
     @property
     def name(self) -> str:
         """`kind:place`, or `kind:all` for a shared one; `kind:all-a` or `kind:a+b` where others are drawn otherwise."""
         part = f".{self.parameters[0].parameter}" if self.partial else ""
         return f"{self.kind}:{self.label or self.on[0]}{part}"
+
+    def settling(self, far_m: float) -> Candidate:
+        """The same play with pins that may lie so far off before the release."""
+        return replace(self, settled_m=far_m, closer=tuple(c.settling(far_m) for c in self.closer))
 
     @property
     def log_odds(self) -> float:

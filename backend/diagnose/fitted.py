@@ -20,6 +20,7 @@ from backend.fit.solve import LeastSquares, solve
 GAIN = 0.1  # in log evidence, over the power of what is left: a step that brings less is the last
 AT_BOUND = 1e-6  # of a number's natural size
 PLACES = ("m", "rad")  # units of channels that tell where something is
+UNSETTLED = 5.0  # sd of noise
 REFUSALS = 5  # in a row: where friction sticks, a slope promises what no step brings
 
 
@@ -43,11 +44,13 @@ class Fitted:
     fraction: float
     miss: float
     """Rms of (measured - predicted) in radians or mechanism lengths, outliers left out."""
+    log_width: float = 0.0
+    """What it costs in log evidence that frames before the release may lie off."""
 
     @cached_property
     def whole(self) -> tuple[Probe, ...]:
         """The experiments to their ends."""
-        return tuple(p.choose(self.choice.ties, self.subject.neutral) for p in self.subject.fit)
+        return tuple(self.subject.chosen(p, self.choice) for p in self.subject.fit)
 
     @property
     def count(self) -> int:
@@ -105,6 +108,16 @@ class Fitted:
         return float(np.sum(shift[self.choice.own :] ** 2))
 
     @property
+    def unsettled(self) -> bool:
+        """Whether frames before the release are missed by more than those after it, and than noise lets them."""
+        white = Seer(self.subject, self.probes, self.fraction).white
+        still = np.concatenate([p.data.still[w.keep] for p, w in zip(self.probes, white, strict=True)])
+        if still.all() or not still.any():
+            return False
+        before, after = np.mean(self.r[still] ** 2), np.mean(self.r[~still] ** 2)
+        return bool(before > max(after, 1.0) + UNSETTLED * np.sqrt(2.0 / still.sum()))
+
+    @property
     def rms(self) -> float:
         """Of the data rows, in sigmas."""
         return float(np.sqrt(np.mean(self.r**2)))
@@ -134,7 +147,7 @@ def fit(
 
 
 def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fitted:
-    probes = [p.choose(choice.ties, subject.neutral).first(fraction) for p in subject.fit]
+    probes = [subject.chosen(p, choice).first(fraction) for p in subject.fit]
     seer = Seer(subject, probes, fraction)
     few = len(choice.parameters)
     begin = choice.start
@@ -157,7 +170,7 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
 
     names = [p.name for p in choice.parameters] + [f"start {i}" for i in range(x.size - few)]
     what = f"{subject.library.family}|{choice.name}|{max_iterations}"
-    key = subject.kept.asked(name_of(what, [fraction, subject.step_s, *choice.prior_sd, *x]))
+    key = subject.kept.asked(name_of(what, [fraction, subject.step_s, choice.settled_m, *choice.prior_sd, *x]))
     known = subject.kept.end_of(key)
     if known is None:
         problem = LeastSquares(names, lambda x: linearise(x)[0], linearise, lower, upper, scale, seer.count)
@@ -177,6 +190,7 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
     held = ((end - lower < room) & (pull < 0.0)) | ((upper - end < room) & (pull > 0.0))
     return Fitted(
         subject, choice, tuple(probes), end, r, J, seer.rows, precision, held, status, fraction, seer.miss(end),
+        sum(w.log_width for w in seer.white),
     )  # fmt: skip
 
 
@@ -192,6 +206,7 @@ class Seer:
     def __init__(self, subject: Subject, probes: Sequence[Probe], fraction: float = 1.0):
         self.subject, self.probes = subject, probes
         self.white = [subject.noise.whitening(p.data, i, fraction) for i, p in enumerate(probes)]
+        self.white = [w if p.lying is None else w.beside(p.lying) for w, p in zip(self.white, probes, strict=True)]
         ends = np.cumsum([0, *[w.keep.size for w in self.white]]).tolist()
         self.rows = tuple(slice(a, b) for a, b in pairwise(ends))
         self.count = ends[-1]
@@ -269,4 +284,5 @@ def log_evidence(fitted: Fitted) -> float:
             if p.lower >= p.start:
                 z += float(norm.logcdf((shift[i] + step[i]) / wide[i]) + np.log(2.0))
         found.append(z)
-    return float(logsumexp(found) - np.log(len(found)) + plain.sum() * np.log(PLAIN))
+    known = plain.sum() * np.log(PLAIN) - fitted.log_width
+    return float(logsumexp(found) - np.log(len(found)) + known)

@@ -8,7 +8,7 @@ at the ends of a record a parabola along the last six.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -30,19 +30,37 @@ FAR = 5.0  # robust sd of still frames
 class Whitening:
     """Linear map from the samples of one experiment to independent rows of unit noise.
 
-    keep: samples that count, by channel and time. gain, pull: row = gain (y_i - pull y_previous).
+    keep: samples that count, by channel and time. gain, pull: row = gain (y_i - pull y_previous). off: directions in
+    the rows that vary by more than the noise, and what is taken off them.
     """
 
     keep: Int[np.ndarray, " n"]
     gain: Float[np.ndarray, " n"]
     pull: Float[np.ndarray, " n"]
+    off: tuple[Float[np.ndarray, "n ways"], Float[np.ndarray, " ways"]] | None = None
 
     def __call__(self, rows: Float[np.ndarray, "samples ..."]) -> Float[np.ndarray, "n ..."]:
         """Rows of unit noise, of samples or of their slopes."""
         kept = rows[self.keep]
         before = np.concatenate([np.zeros_like(kept[:1]), kept[:-1]])
         shape = (-1,) + (1,) * (kept.ndim - 1)
-        return self.gain.reshape(shape) * (kept - self.pull.reshape(shape) * before)
+        rows = self.gain.reshape(shape) * (kept - self.pull.reshape(shape) * before)
+        if self.off is None:
+            return rows
+        ways, shares = self.off
+        return rows - np.tensordot(ways * shares, np.tensordot(ways, rows, (0, 0)), 1)
+
+    def beside(self, ways: Float[np.ndarray, "samples ways"]) -> Whitening:
+        """The same where samples also vary along these ways, each with a deviation of one."""
+        if not np.any(ways):
+            return self
+        along, size, _ = np.linalg.svd(self(ways), full_matrices=False)
+        return replace(self, off=(along, 1.0 - 1.0 / np.sqrt(1.0 + size**2)))
+
+    @property
+    def log_width(self) -> float:
+        """By how much those ways lower the log density of what is least surprising."""
+        return 0.0 if self.off is None else -float(np.sum(np.log1p(-self.off[1])))
 
 
 @dataclass(frozen=True)

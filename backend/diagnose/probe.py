@@ -60,13 +60,14 @@ class Probe(Run):
 
     bumps: (steps, waves) of the unknown drives, the last columns of the setting's record. correction: what the error of
     the step takes from every sample, put back. misplaced: what the library's last numbers, those of the cameras, do
-    to samples.
+    to samples. lying: ways in which samples before the release may be off, by one deviation each (see `settled`).
     """
 
     neutral: Float[np.ndarray, " all"] = field(default_factory=lambda: np.zeros(0))
     bumps: Float[np.ndarray, "steps waves"] = field(default_factory=lambda: np.zeros((0, 0)))
     correction: Float[np.ndarray, " samples"] | None = None
     misplaced: Misplaced | None = None
+    lying: Float[np.ndarray, "samples ways"] | None = None
 
     def choose(self, ties: Float[np.ndarray, "all few"], neutral: Float[np.ndarray, " all"] | None = None) -> Probe:
         """The same experiment with other numbers free."""

@@ -43,7 +43,7 @@ def held_out_tests(fitted: Fitted, scale: float) -> list[Test]:
     C = fitted.covariance[:few, :few] * scale**2
 
     def one(i: int) -> Test:
-        probe = subject.held_out[i].choose(fitted.choice.ties, subject.neutral)
+        probe = subject.chosen(subject.held_out[i], fitted.choice)
         return _test(probe, subject.held_noise, i, fitted.values, C, scale)
 
     return subject.over(one, range(len(subject.held_out)))

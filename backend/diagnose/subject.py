@@ -15,9 +15,10 @@ from jaxtyping import Bool, Float
 from backend.diagnose.calibration import Misplaced, cameras_of, with_cameras
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.kept import Kept
-from backend.diagnose.library import Library
+from backend.diagnose.library import PLAYS, Library
 from backend.diagnose.noise import Noise, estimate
 from backend.diagnose.probe import Probe, with_drives
+from backend.diagnose.settled import lying
 from backend.fit.free import FreeParameter
 from backend.fit.prediction import addresses_of
 from backend.mechanism.effect import Effect
@@ -51,6 +52,16 @@ class Choice:
     parameters: tuple[FreeParameter, ...]
     ties: Float[np.ndarray, "all few"]
     prior_sd: Float[np.ndarray, " few"]
+
+    @property
+    def settled_m(self) -> float:
+        """How far from the middle of their holes loose pins may lie before the release."""
+        return max((c.settled_m for c in self.candidates), default=0.0)
+
+    @property
+    def loose(self) -> tuple[str, ...]:
+        """Joints whose pins are loose by one of the candidates."""
+        return tuple(dict.fromkeys(on for c in self.candidates if c.kind in PLAYS for on in c.on))
 
     @property
     def name(self) -> str:
@@ -108,6 +119,13 @@ class Subject:
         ties = [c.ties(count) for c in candidates] + [np.eye(count)[:, [i]] for i in rest]
         sd = np.array([p.prior_sd for p in parameters], float)
         return Choice(tuple(candidates), tuple(parameters), np.concatenate([np.zeros((count, 0)), *ties], 1), sd)
+
+    def chosen(self, probe: Probe, choice: Choice) -> Probe:
+        """An experiment with these numbers free."""
+        made = probe.choose(choice.ties, self.neutral)
+        if choice.settled_m:
+            made.lying = choice.settled_m * lying(probe, choice.loose)
+        return made
 
     def alike(self, what: str, r: Float[np.ndarray, " n"], make: Callable[[], Made], within: float = ALIKE) -> Made:
         """Slopes about a motion that leaves r, or about another whose distance from it is less than this share of its

@@ -66,7 +66,7 @@ def promising(
     Every experiment starts from its own static frames. beside: other candidates, at the values `known` by name.
     """
     choice = subject.choose(*beside, candidate)
-    probes = [p.choose(choice.ties, subject.neutral).first(EARLY) for p in subject.fit]
+    probes = [subject.chosen(p, choice).first(EARLY) for p in subject.fit]
     seer, best = Seer(subject, probes, EARLY), (np.inf, {})
     for values in openings(subject, candidate, passed):
         x = start_of(subject, choice, {**(known or {}), **values})

@@ -67,8 +67,9 @@ def unseen(fitted: Fitted) -> Unseen | None:
     subject, few = fitted.subject, fitted.count
 
     def one(i: int) -> tuple[np.ndarray, ...] | None:
-        probe = subject.held_out[i].choose(fitted.choice.ties, subject.neutral)
+        probe = subject.chosen(subject.held_out[i], fitted.choice)
         white = subject.held_noise.whitening(probe.data, i)
+        white = white if probe.lying is None else white.beside(probe.lying)
         own = _start(probe, white, fitted.values)
         seen, slope = probe.predict(fitted.values, own)
         if not np.all(np.isfinite(seen[white.keep])):

@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
 from backend.diagnose.fitted import Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
-from backend.diagnose.library import LOAD
+from backend.diagnose.library import LOAD, PLAYS
 from backend.diagnose.noise_learnt import remember, set_aside
 from backend.diagnose.probe import Probe
 from backend.diagnose.screen import EARLY, Screen, containing, screen, tuned
@@ -336,8 +337,21 @@ class Search:
             self.tell(f"trying {' + '.join([candidate.name, *names])}")
             fitted = self._grown(self.subject.choose(*others, candidate), values, baseline.fitted, rival.fitted)
             if fitted is not None and np.isfinite(fitted.chi2):
-                made.append(self.keep(fitted))
+                made.append(self._settled(self.keep(fitted)))
         return sorted(made, key=lambda c: -c.log_z)
+
+    def _settled(self, cause: Cause) -> Cause:
+        """The same play with pins that lay anywhere in their holes before the release, where the frames before it ask
+        for that and it is the likelier.
+        """
+        fitted = cause.fitted
+        if not fitted.choice.loose or not fitted.unsettled:
+            return cause
+        sizes = dict(zip((p.name for p in fitted.choice.parameters), fitted.values.tolist(), strict=True))
+        members = [c.settling(sizes[c.parameters[0].name]) if c.kind in PLAYS else c for c in cause.candidates]
+        self.tell(f"trying {' + '.join(cause.names)} with pins that lay aside before the release")
+        made = fit(self.subject, self.subject.choose(*members), start=fitted.x)
+        return self.keep_likelier(made) if np.isfinite(made.chi2) else cause
 
     def _shortly(
         self, values: dict[str, float], candidate: Candidate, others: Sequence[Candidate]

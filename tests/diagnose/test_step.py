@@ -61,7 +61,7 @@ def test_the_step_errs_about_the_cause_where_that_is_another_error(drawing, monk
     search = run.Search(found.subject, lambda words: None, lambda: False)
     (named,) = found.best.candidates
     assert named.name == "viscous_friction:j1"
-    known = [p.correction for p in found.subject.fit]
+    known = [p.correction for p in found.subject.fit if p.correction is not None]
     about = [search.apart(run.orderly(search.step_errors(c.fitted)), known) for c in (found.best, found.baseline)]
     assert (about[0] < 0.01 * about[1]) == much
 

@@ -1,0 +1,71 @@
+"""Pins that lay to a side of their holes before the release."""
+
+import numpy as np
+import pytest
+
+from backend.diagnose.noise import estimate
+from tests.diagnose.test_diagnosis import COARSE_S, drawing, study
+from tests.diagnose.test_noise import record
+
+__all__ = ["drawing"]  # a fixture
+
+SAGGED_M = 2e-3
+
+pytestmark = pytest.mark.timeout(600)
+
+
+def test_rows_are_white_where_samples_vary_along_given_ways_as_well():
+    rng = np.random.default_rng(3)
+    data = record(rng, still=10, moving=6)
+    white = estimate([data]).whitening(data, 0)
+    ways = rng.standard_normal((data.value.size, 2)) * 3e-3
+    wide, off = white.beside(ways), rng.standard_normal(data.value.size) * 1e-3
+    along = white(ways)
+    covariance = np.eye(white.keep.size) + along @ along.T
+    assert np.sum(wide(off) ** 2) == pytest.approx(white(off) @ np.linalg.solve(covariance, white(off)), rel=1e-9)
+    assert wide.log_width == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1], rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def sagged(drawing):
+    """A bar on a loose pin, which the frames before the release show 2 mm lower than the motion begins."""
+    from backend.diagnose.library import library
+    from backend.diagnose.subject import prepare
+    from backend.effects.catalogue import catalogue
+
+    told = study(drawing, 1, frames=12)
+    for e in told.experiments:
+        assert e.tracks is not None
+        e.tracks.loc[e.tracks.time_s < e.release.time_s, "z_m"] -= SAGGED_M
+    other = frozenset(set(catalogue()) - {"clearance", "mass_error"})
+    return prepare(told, library(drawing, "clearance", (), other), COARSE_S)
+
+
+def test_a_loose_pin_lets_a_held_bar_lie_anywhere_in_its_plane(sagged):
+    from backend.diagnose.settled import lying
+
+    (probe, *_) = sagged.fit
+    ways, still = lying(probe, ("j1",)), probe.data.still
+    assert ways.shape == (still.size, 3)
+    assert not np.any(ways[~still])
+    upright = np.array([c.coordinate == "z_m" for c in probe.data.channels])[probe.data.channel]
+    for lower in (upright, ~upright):  # by a millimetre, or aside
+        moved = np.where(still & lower, 1e-3, 0.0)
+        assert np.abs(moved - ways @ np.linalg.lstsq(ways, moved, rcond=None)[0]).max() < 1e-9
+    stretched = np.where(still & (probe.data.channel == 0), 1e-3, 0.0)
+    assert np.abs(stretched - ways @ np.linalg.lstsq(ways, stretched, rcond=None)[0]).max() > 1e-4
+
+
+def test_frames_before_the_release_may_lie_off_where_a_pin_is_loose(sagged):
+    from backend.diagnose.fitted import fit, log_evidence, start_of
+
+    (play,) = (c for c in sagged.library.candidates if c.name == "clearance:j1")
+    choice = sagged.choose(play)
+    begin = start_of(sagged, choice)
+    begin[0] = 1e-5
+    fixed = fit(sagged, choice, start=begin, max_iterations=4)
+    assert fixed.unsettled
+    lain = fit(sagged, sagged.choose(play.settling(SAGGED_M)), start=begin, max_iterations=4)
+    assert not lain.unsettled
+    assert log_evidence(lain) > log_evidence(fixed) + 30.0
+    assert lain.log_width > 0.0
