@@ -221,12 +221,12 @@ class Climb(AbstractStandards):
         return best, last
 
     def _closer(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
-        """The best set with walls as they come, where it is of this family and that makes it likelier; sets that could
-        come up with it so, and other ends of travel that stop the motion alike, are asked as well.
+        """The best set with walls as they come, where it is of this family, not enough as it is and likelier so; sets
+        that could come up with it so, and other ends of travel that stop the motion alike, are asked as well.
         """
         if search.tried.get(best.names) is not best:
             return best, last
-        closer = search.closer(best)
+        closer = best if self.enough(last) else search.closer(best)
         alike = stopping_alike(search, closer)
         if closer is best and not alike:
             return best, last
