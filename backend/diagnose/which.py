@@ -37,6 +37,7 @@ REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
 ORDERLY = 0.25  # of an error's square, by which twice the step may say otherwise where the error is of second order
+HARDLY = 0.01  # noise variances a sample: less than the law of blows and the step err by
 APART = 9.0  # squared sd below which two explanations do the same
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
 Wider = Mapping[str, Sequence[Candidate]]
@@ -384,7 +385,8 @@ class Search:
             return cause
         begun = min(first, key=lambda f: f.chi2)
         made = fit(self.subject, begun.choice, start=begun.x, fractions=GROWING[1:])
-        found = Cause(made, log_evidence(made))
+        hardly = cause.fitted.chi2 - made.chi2 < HARDLY * made.r.size
+        found = Cause(made, log_evidence(made), cause.fitted if hardly else None)
         if not found.log_z > cause.log_z:
             return cause
         self.tried[found.names] = found

@@ -1,5 +1,8 @@
 """Pins that lay to a side of their holes before the release."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -69,3 +72,22 @@ def test_frames_before_the_release_may_lie_off_where_a_pin_is_loose(sagged):
     assert not lain.unsettled
     assert log_evidence(lain) > log_evidence(fixed) + 30.0
     assert lain.log_width > 0.0
+
+
+def test_a_play_is_as_open_as_a_softer_wall_leaves_it(monkeypatch):
+    from backend.diagnose import verdict
+
+    def fitted(**values):
+        numbers = [SimpleNamespace(name=name) for name in values]
+        choice = SimpleNamespace(parameters=numbers)
+        return SimpleNamespace(
+            choice=choice, values=np.array([*values.values()]), subject=SimpleNamespace(mechanism=None)
+        )
+
+    monkeypatch.setattr(verdict, "scaled", lambda made, scale: made)
+    monkeypatch.setattr(verdict, "deviations_of_noise", lambda made: np.array([3e-5, 400.0]))
+    monkeypatch.setattr(verdict, "guesses", lambda mechanism, parameters, values: np.zeros(2))
+    soft: Any = SimpleNamespace(fitted=fitted(play=2e-4, stiffness=3000.0), assumed=fitted(play=6e-4))
+    assert verdict._deviations(soft, False, 1.0, 1.0) == pytest.approx([np.hypot(3e-5, 4e-4), 400.0])
+    stiff: Any = SimpleNamespace(fitted=soft.fitted, assumed=None)
+    assert verdict._deviations(stiff, False, 1.0, 1.0) == pytest.approx([3e-5, 400.0])
