@@ -273,8 +273,7 @@ class Climb(AbstractStandards):
             return every
         # What is left lies in the picture, not in the mechanism; but a mark drifts where its body's pin is loose, and
         # all stand elsewhere before the release where pins lay aside.
-        held = any(p.data.still.any() for p in best.fitted.probes)
-        return [f for f in every if f in PLAYS] if held or places.get("camera", 0.0) <= 1.0 - IN_THE_PICTURE else []
+        return [f for f in every if f in PLAYS]
 
     def _best_alone(self) -> Cause | None:
         """The likeliest single cause that follows whole records."""
