@@ -110,6 +110,9 @@ def test_all_pins_that_came_near_are_fitted_with_blows_as_they_come(monkeypatch)
     monkeypatch.setattr(climb, "_weight", lambda cause: cause.log_z)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
     monkeypatch.setattr(module, "stopping_alike", lambda search, cause: [])
+    monkeypatch.setattr(climb, "enough", lambda judged: True)
+    assert climb._closer(drawn[0], "before", search) == (drawn[0], "before")  # dead blows are enough
+    monkeypatch.setattr(climb, "enough", lambda judged: False)
     best, judged = climb._closer(drawn[0], "before", search)
     assert (best.names, best.log_z, judged) == (("joint_stop:j2",), 30.0, "judged")
     assert set(climb.search.tried) == {("joint_stop:j1",), ("joint_stop:j2",)}  # the third was too far behind
