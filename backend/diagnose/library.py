@@ -129,7 +129,11 @@ def library(
         () if p.addresses[0][0] not in added else tuple(t * row.natural for t in row.declaration.tries)
         for p, row in zip(found, rows, strict=True)
     ]
-    found = [replace(p, start=t[0]) if len(t) == 1 else p for p, t in zip(found, tries, strict=True)]
+    late = {i: tries[i][0] for i, row in enumerate(rows) if row.declaration.late and tries[i]}
+    found = [
+        replace(p, start=t[0]) if len(t) == 1 and i not in late else p
+        for i, (p, t) in enumerate(zip(found, tries, strict=True))
+    ]
     as_causes = [
         replace(p, prior_sd=sd, start=0.0 if _out_of_reach(p, sd) else p.start)
         for p, sd in zip(found, wide, strict=True)
@@ -142,7 +146,9 @@ def library(
     parameters = tuple(replace(p, prior_sd=known.get(p.name, sd)) for p, sd in zip(found, wide, strict=True))
     nuisances = tuple(i for i, p in enumerate(found) if p.name in known)
     unstated = {i: around for i, (p, row) in enumerate(zip(found, rows, strict=True)) if (around := _around(p, row))}
-    candidates = [c for c in _candidates(mechanism, wanted, as_causes, found, tries, unstated) if c.kind not in without]
+    candidates = [
+        c for c in _candidates(mechanism, wanted, as_causes, found, tries, unstated, late) if c.kind not in without
+    ]
     return Library(family, parameters, tuple(added.values()), _shared_out(candidates), nuisances, neutral)
 
 
@@ -244,13 +250,14 @@ def _candidates(
     drawn: Sequence[FreeParameter],
     tries: Sequence[tuple[float, ...]],
     unstated: Mapping[int, Sequence[tuple[float, float]]],
+    late: Mapping[int, float],
 ) -> Iterator[Candidate]:
     still = {body.id for body in mechanism.bodies if body.fixed}
     for kind in kinds:
         family = family_of(catalogue()[kind])
         at: dict[tuple[str, ...], list[int]] = {}
         for i, p in enumerate(parameters):
-            if p.kind == kind and p.prior_sd is not None:
+            if p.kind == kind and p.prior_sd is not None and i not in late:
                 at.setdefault(p.on, []).append(i)
         for on, rows in at.items():
             far = [i for i in rows if _out_of_reach(drawn[i], parameters[i].prior_sd)]
@@ -262,7 +269,9 @@ def _candidates(
                 places, reach = _places(mechanism, kind, on), _reach(mechanism, kind, on)
                 made = Candidate(kind, on, places, reach, own, takes, family, worth, len(far) > 1)
                 rest = [i for i, p in enumerate(parameters) if p.kind == kind and p.on == on and i in unstated]
-                yield replace(made, closer=_closer(made, parameters, {i: unstated[i] for i in rest}))
+                shape = {(i,): late[i] for i in late if parameters[i].kind == kind and parameters[i].on == on}
+                closer = _closer(made, parameters, {i: unstated[i] for i in rest})
+                yield replace(made, closer=closer + _shaped(made, parameters, shape))
         effect = catalogue()[kind]
         if len(at) < 2 or not effect.shared or family not in (SMOOTH, LOAD) or effect.acts_on in ("world", "camera"):
             continue
@@ -282,7 +291,12 @@ def _candidates(
             worth = tuple(tries[t[0]] for t in takes)
             places, reach = _places(mechanism, kind, everywhere), _reach(mechanism, kind, everywhere)
             made = Candidate(kind, everywhere, places, reach, own, takes, family, worth, len(several) > 1)
-            yield replace(made, label=label)
+            shape: dict[tuple[int, ...], float] = {}
+            for name in dict.fromkeys(parameters[i].parameter for i in late if parameters[i].kind == kind):
+                same = [i for on in ons for i in late if parameters[i].on == on and parameters[i].parameter == name]
+                shape |= {tuple(i for i in same if parameters[i].kind == kind): late[same[0]]} if same else {}
+            made = replace(made, label=label)
+            yield replace(made, closer=_shaped(made, parameters, shape))
 
 
 def _together(on: Sequence[str], others: Sequence[str]) -> str:
@@ -322,6 +336,23 @@ def _closer(
             )
         )
     return tuple(found)
+
+
+def _shaped(
+    made: Candidate, parameters: Sequence[FreeParameter], late: Mapping[tuple[int, ...], float]
+) -> tuple[Candidate, ...]:
+    """The same with those of its numbers that are freed late, from where each is worth beginning."""
+    if not late:
+        return ()
+    more = tuple(replace(parameters[t[0]], start=start, label=made.parameters[0].label) for t, start in late.items())
+    return (
+        replace(
+            made,
+            parameters=made.parameters + more,
+            takes=(*made.takes, *late),
+            tries=made.tries + tuple((p.start,) for p in more),
+        ),
+    )
 
 
 PART = {"joint": "joint", "body": "body", "bodies": "body", "marker": "marker", "camera": "marker", "world": "joint"}

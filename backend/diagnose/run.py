@@ -144,7 +144,7 @@ class _Inquiry:
                 return self.report(
                     "none", baseline, baseline, False, about, latent, at_base, p, model_free, first, first
                 )
-            singles = self.search.level([baseline], REFITS)
+            singles = self.shaped(self.search.level([baseline], REFITS))
             if (again := self.step_about_cause(baseline, singles)) is None:
                 break
             baseline = again
@@ -154,6 +154,13 @@ class _Inquiry:
         best, last = climb.confirmed(*climb.plain(*climb.switching(*climb.smooth(singles))))
         self.scale = climb.scale
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb)
+
+    def shaped(self, singles: list[Cause]) -> list[Cause]:
+        """Single causes, the likeliest with what of its shape is freed late."""
+        if not singles:
+            return singles
+        leader = max(singles, key=lambda c: (c.fitted.fraction, c.log_z))
+        return [self.search.closer(c) if c is leader else c for c in singles]
 
     def begin_again(self, how: str, step: float, errors: Sequence[np.ndarray] = ()) -> Cause:
         """The drawing fitted anew, with this share of the step and these errors of it put back."""

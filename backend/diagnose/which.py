@@ -375,7 +375,7 @@ class Search:
         ]  # fmt: skip
         if not ways or self.cancelled():
             return cause
-        self.tell(f"trying {' + '.join(cause.names)} with walls that give, give back and rub")
+        self.tell(f"trying {' + '.join(cause.names)} with what nobody states of it")
         first = [
             fit(self.subject, c, start=begun_from(cause.fitted, c), fractions=GROWING[:1], max_iterations=BRIEF)
             for c in (self.subject.choose(*way) for way in ways)

@@ -50,6 +50,8 @@ class Declaration:
     rests_on: tuple[str, float] | None = None
     """Another parameter that is guessed while nobody gives it, and the share of this one's value that the guess leaves
     open (one standard deviation)."""
+    late: bool = False
+    """Whether a diagnosis frees it only where the effect without it came out best: it tells apart what is seen well."""
     proportional_to: str | None = None
     """Another parameter, in proportion to which this one acts: where that is nothing, so is the slope in this one."""
     tries: tuple[float, ...] = ()

@@ -21,7 +21,7 @@ class PinFriction(AbstractDryFriction):
     )  # fmt: skip
     onset_rad_per_s: Float[Array, ""] = parameter(
         "rad/s", "rate at which it reaches 71% of its size", lower=0.0, upper=0.05, joint_types=("revolute",),
-        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
+        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,), late=True,
     )  # fmt: skip
 
     def limit(self, load, pin_radius):

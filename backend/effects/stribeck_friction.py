@@ -47,7 +47,7 @@ class StribeckFriction(AbstractRateFriction):
     )  # fmt: skip
     onset_rad_per_s: Float[Array, ""] = parameter(
         "rad/s", "rate at which it reaches 71% of its size", lower=0.0, upper=0.05, joint_types=TURNING,
-        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
+        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,), late=True,
     )  # fmt: skip
     presliding_m: Float[Array, ""] = parameter(
         "m", "travel by which it gives before it slides", lower=0.0, upper=1e-3, joint_types=SLIDING,
@@ -55,7 +55,7 @@ class StribeckFriction(AbstractRateFriction):
     )  # fmt: skip
     onset_m_per_s: Float[Array, ""] = parameter(
         "m/s", "rate at which it reaches 71% of its size", lower=0.0, upper=0.01, joint_types=SLIDING,
-        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,),
+        typical=1e-3, by_name=True, expected=1.0, tries=(0.5,), late=True,
     )  # fmt: skip
 
     def limit(self, rate):

@@ -84,10 +84,13 @@ def test_a_joint_reaches_the_bodies_that_it_joins_but_not_the_ground():
 
 def test_dry_friction_brings_how_far_it_gives_where_a_joint_of_its_type_has_that():
     (rub,) = [c for c in library(fourbar(), SMOOTH).candidates if c.name == "coulomb_friction:j1"]
-    assert [p.parameter for p in rub.parameters] == ["friction_torque_n_m", "presliding_rad", "onset_rad_per_s"]
-    assert rub.sizes.tolist() == [True, False, False]
-    assert rub.allows(np.array([0.1, -1.0, -1.0]))
-    assert not rub.allows(np.array([-0.1, 1.0, 1.0]))  # friction does not drive
+    assert [p.parameter for p in rub.parameters] == ["friction_torque_n_m", "presliding_rad"]
+    (shaped,) = rub.closer
+    assert [p.parameter for p in shaped.parameters] == ["friction_torque_n_m", "presliding_rad", "onset_rad_per_s"]
+    assert rub.sizes.tolist() == [True, False]
+    assert shaped.sizes.tolist() == [True, False, False]
+    assert rub.allows(np.array([0.1, -1.0]))
+    assert not rub.allows(np.array([-0.1, 1.0]))  # friction does not drive
 
 
 def test_a_drawn_friction_stands_as_it_is_drawn():
