@@ -129,7 +129,7 @@ def library(
         () if p.addresses[0][0] not in added else tuple(t * row.natural for t in row.declaration.tries)
         for p, row in zip(found, rows, strict=True)
     ]
-    late = {i: tries[i][0] for i, row in enumerate(rows) if row.declaration.late and tries[i]}
+    late = {i: t for i, row in enumerate(rows) if row.declaration.late for t in tries[i][:1]}
     found = [
         replace(p, start=t[0]) if len(t) == 1 and i not in late else p
         for i, (p, t) in enumerate(zip(found, tries, strict=True))
