@@ -27,7 +27,7 @@ from backend.diagnose.softness import softness
 from backend.diagnose.standards import STRICT, SURE, WIDE, form
 from backend.diagnose.subject import SAME, Subject, prepare
 from backend.diagnose.unknown import unknown_evidence
-from backend.diagnose.verdict import make_report
+from backend.diagnose.verdict import fitted_share, make_report
 from backend.diagnose.where import MissingForce, locations, place_evidence, shares
 from backend.diagnose.which import LEADERS, ORDERLY, PARTNERS, REFITS, Search, orderly
 from backend.fit.fit_study import default_step
@@ -41,7 +41,7 @@ UNUSUAL = 0.05  # p below which causes are weighed against nothing amiss: how of
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
 CLOSE = 8  # explanations that held-out experiments are asked about
 MOST_OF_IT = 0.9  # of the held-out gap: what a form that is a little wrong has to remove
-OF_MANY = 0.99  # the same of three effects and more, which imitate nine tenths of almost anything
+OF_MANY = 0.99  # the same of three effects and more none of which does that alone: they imitate nine tenths of anything
 NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its name, though its form is not the last
 ON_THE_WAY = 2  # smaller sets about whose motion laws of unknown form are weighed, too
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that nearly fits is not named
@@ -237,13 +237,20 @@ class _Inquiry:
             removed = 1.0 - last.power / max(gap_power(baseline.fitted, best.fitted, at_base.power), 1e-12)
         complete = best.fitted.fraction == 1.0
         fits = fits and len(best.candidates) <= SURE and not (climb.large or climb.names_a_remainder(best))
-        nearly = removed >= (MOST_OF_IT if len(best.candidates) <= SURE else OF_MANY) and complete
+        nearly = removed >= (OF_MANY if self.of_many(baseline, best) else MOST_OF_IT) and complete
         verdict = "identified" if fits and complete else "approximate" if nearly else "unknown"
         if verdict == "unknown" and p > CLEAR and baseline.fitted.fraction == best.fitted.fraction == 1.0:
             tried = [c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == 1.0]
             if self.doubtful(baseline, tried):
                 verdict, best, enough, after = "none", baseline, False, first
         return self.report(verdict, baseline, best, enough, about, latent, at_base, p, model_free, first, after)
+
+    def of_many(self, baseline: Cause, best: Cause) -> bool:
+        """Whether three effects and more are needed, none of which explains most of the gap alone."""
+        alone = (self.search.tried.get((c.name,)) for c in best.candidates)
+        whole = [c.fitted for c in alone if c is not None and c.fitted.fraction == 1.0]
+        shares = (fitted_share(self.subject, baseline.fitted, fitted, self.scale) for fitted in whole)
+        return len(best.candidates) > SURE and max(shares, default=0.0) < MOST_OF_IT
 
     def tolerated(self, shrunk: Shrinkage) -> bool:
         """What is left on held-out experiments is smaller than the user minds."""

@@ -186,6 +186,12 @@ def _rms(subject: Subject, fitted: Fitted, scale: float) -> tuple[float, float]:
     return float(np.sqrt(miss / max(count, 1))), float(np.sqrt(noise / max(count, 1)))
 
 
+def fitted_share(subject: Subject, drawn: Fitted, made: Fitted, scale: float) -> float:
+    """Share of the fitted gap, in squares, that a fit takes away."""
+    before, noise = _rms(subject, drawn, scale)
+    return (before**2 - _rms(subject, made, scale)[0] ** 2) / max(before**2 - noise**2, 1e-300)
+
+
 def _ladder(
     subject: Subject, baseline: Cause, best: Cause, tried: Mapping[tuple[str, ...], Cause], scale: float
 ) -> str:
@@ -194,7 +200,6 @@ def _ladder(
     """
     if len(best.candidates) < 2 or best.fitted.fraction < 1.0:
         return ""
-    before, noise = _rms(subject, baseline.fitted, scale)
     named: list[Candidate] = []
     steps: list[str] = []
     while len(named) < len(best.candidates) - 1:
@@ -204,7 +209,7 @@ def _ladder(
         if not whole:
             break
         named, made = min(whole, key=lambda one: one[1].chi2)
-        share = (before**2 - _rms(subject, made, scale)[0] ** 2) / max(before**2 - noise**2, 1e-300)
+        share = fitted_share(subject, baseline.fitted, made, scale)
         if not steps and share < MOST:
             break
         much = "more than 99.9%" if share > ALMOST_ALL else f"{100 * share:.1f}%"
