@@ -21,7 +21,9 @@ def left(rows: dict[tuple[int, str, str], np.ndarray], markers: tuple[str, ...] 
     data = SimpleNamespace(
         channels=channels, channel=np.repeat(np.arange(len(channels)), TIME.size), time_s=np.tile(TIME, len(channels))
     )
-    probe = SimpleNamespace(data=data, since_release_s=data.time_s, duration_s=SECONDS, bumps=np.zeros((1, BUMPS)))
+    probe = SimpleNamespace(
+        data=data, since_release_s=data.time_s, duration_s=SECONDS, bumps=np.zeros((1, BUMPS)), lying=None
+    )
     noise = SimpleNamespace(whitening=lambda data, run, fraction: white)
     return SimpleNamespace(
         subject=SimpleNamespace(noise=noise), probes=[probe] * RUNS, fraction=1.0,
