@@ -71,7 +71,6 @@ def weigh(
     unknown_log_z: float | None = None,
     foretold: Mapping[tuple[str, ...], float] | None = None,
     one_motion: Sequence[Sequence[tuple[str, ...]]] = (),
-    believed: float = 1.0,
 ) -> Belief:
     """Probabilities from evidence and the beliefs before any data.
 
@@ -79,7 +78,6 @@ def weigh(
     mean of its group's.
     foretold: log density of held-out experiments under the nearest causes, by their names; those farther off count as
     the worst of these.
-    believed: chance that sets which explain too little are causes at all; the rest is for what is unknown.
     """
     width = scale / np.sqrt(softness)
     z = np.array([log_evidence(scaled(c.fitted, width)) for c in causes])
@@ -90,7 +88,7 @@ def weigh(
     alone = z
     z = _in_common(z, [c.names for c in causes], one_motion)
     fitting = z + prior
-    true = fitting + np.log([believed * _own(c) for c in causes])
+    true = fitting + np.log([_own(c) for c in causes])
     order = np.lexsort((-alone, -true))
     rest = []
     rest.append(-np.inf if baseline is None else np.log(NONE) + log_evidence(scaled(baseline.fitted, width)))

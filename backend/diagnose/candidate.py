@@ -37,8 +37,8 @@ class Candidate:
     partial: bool = False
     """Whether it frees one number of several that are absent each by itself, as the ends of a joint's travel are."""
     closer: tuple[Candidate, ...] = ()
-    """The same, with what nobody states of it free as well: how walls and ends of travel give, give back and rub. One
-    for each size to begin from."""
+    """The same, with what nobody states of it free as well: how walls and ends of travel give, give back and rub, one
+    for each size to begin from; or what of its shape is freed late."""
 
     label: str = ""
     """Of a shared one, its places in a word; empty otherwise."""

@@ -21,7 +21,7 @@ class Cause:
     fitted: Fitted
     log_z: float
     assumed: Fitted | None = None
-    """The same with walls as they are assumed where it has them free, if that leaves hardly more."""
+    """The same with what nobody states as it is assumed where this has it free, if that leaves hardly more."""
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:

@@ -255,6 +255,7 @@ def _candidates(
     still = {body.id for body in mechanism.bodies if body.fixed}
     for kind in kinds:
         family = family_of(catalogue()[kind])
+        own_late = {i: start for i, start in late.items() if parameters[i].kind == kind}
         at: dict[tuple[str, ...], list[int]] = {}
         for i, p in enumerate(parameters):
             if p.kind == kind and p.prior_sd is not None and i not in late:
@@ -269,7 +270,7 @@ def _candidates(
                 places, reach = _places(mechanism, kind, on), _reach(mechanism, kind, on)
                 made = Candidate(kind, on, places, reach, own, takes, family, worth, len(far) > 1)
                 rest = [i for i, p in enumerate(parameters) if p.kind == kind and p.on == on and i in unstated]
-                shape = {(i,): late[i] for i in late if parameters[i].kind == kind and parameters[i].on == on}
+                shape = {(i,): start for i, start in own_late.items() if parameters[i].on == on}
                 closer = _closer(made, parameters, {i: unstated[i] for i in rest})
                 yield replace(made, closer=closer + _shaped(made, parameters, shape))
         effect = catalogue()[kind]
@@ -292,9 +293,11 @@ def _candidates(
             places, reach = _places(mechanism, kind, everywhere), _reach(mechanism, kind, everywhere)
             made = Candidate(kind, everywhere, places, reach, own, takes, family, worth, len(several) > 1)
             shape: dict[tuple[int, ...], float] = {}
-            for name in dict.fromkeys(parameters[i].parameter for i in late if parameters[i].kind == kind):
-                same = [i for on in ons for i in late if parameters[i].on == on and parameters[i].parameter == name]
-                shape |= {tuple(i for i in same if parameters[i].kind == kind): late[same[0]]} if same else {}
+            for name in dict.fromkeys(parameters[i].parameter for i in own_late):
+                take = tuple(
+                    i for on in ons for i in own_late if (parameters[i].on, parameters[i].parameter) == (on, name)
+                )
+                shape |= {take: own_late[take[0]]} if take else {}
             made = replace(made, label=label)
             yield replace(made, closer=_shaped(made, parameters, shape))
 

@@ -173,11 +173,8 @@ class Probe(Run):
 
     def _in_steps(self, step_s: float, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, " samples"]:
         """The motion in other steps, by the same program."""
-        made, setting, record = (
-            replace(self, step_s=step_s, correction=None, _last=None),
-            self.setting,
-            self.setting.record,
-        )
+        made = replace(self, step_s=step_s, correction=None, _last=None)
+        setting, record = self.setting, self.setting.record
         if step_s != self.step_s:
             setting = made.framed(setting.steps, setting.column.size)
             if record is not None:

@@ -276,7 +276,6 @@ class _Inquiry:
         weighed = partial(
             weigh, same, causes, count, scale=self.scale, softness=soft, unknown_log_z=unknown,
             one_motion=one_motion(causes) if best.candidates else (),
-            believed=1.0 - DOUBT if verdict == "unknown" else 1.0,
         )  # fmt: skip
         belief = weighed()
         if exact and best.candidates:  # where no form is right, held-out experiments judge by what all of them lack
