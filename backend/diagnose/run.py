@@ -165,10 +165,11 @@ class _Inquiry:
     def begin_again(self, how: str, step: float, errors: Sequence[np.ndarray] = ()) -> Cause:
         """The drawing fitted anew, with this share of the step and these errors of it put back."""
         self.tell(f"fitting the drawing as it is, {how}")
+        ended = {c.fitted.choice.name: c.fitted.x for c in self.search.tried.values() if c.fitted.fraction == 1.0}
         self.subject = prepare(self.study, self.known, step * self.subject.step_s, kept=self.subject.kept)
         if errors:
             self.subject.put_back(errors)
-        self.search = Search(self.subject, self.tell, self.cancelled)
+        self.search = Search(self.subject, self.tell, self.cancelled, begun=ended)
         return self.search.baseline()
 
     def step_about_cause(self, baseline: Cause, singles: list[Cause]) -> Cause | None:

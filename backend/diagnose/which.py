@@ -7,7 +7,7 @@ so wide that the drawing loses the motion is first read over as much of the reco
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -54,13 +54,15 @@ def orderly(errors: Sequence[Float[np.ndarray, "two samples"]]) -> list[Float[np
 class Search:
     """One family of the library searched level by level. Everything tried is kept in `tried`, by names.
 
-    followed: share of the records that the drawing follows.
+    followed: share of the records that the drawing follows. begun: by choice, where fits of whole records with another
+    step ended, from which these begin.
     """
 
     subject: Subject
     tell: Callable[[str], None]
     cancelled: Callable[[], bool]
     known: Latent | None = None
+    begun: Mapping[str, Float[np.ndarray, " x"]] = field(default_factory=dict)
 
     def __post_init__(self):
         self.tried: dict[tuple[str, ...], Cause] = {}
@@ -80,7 +82,8 @@ class Search:
 
     def baseline(self) -> Cause:
         """The drawing with its tolerances alone, as far into the records as it follows them."""
-        made = self.follow(self.subject.choose())
+        choice = self.subject.choose()
+        made = self.follow(choice, self._ended(choice))
         self.followed = made.fraction
         if made.fraction == 1.0 and all(p.correction is None for p in self.subject.fit):
             self.subject.put_back(orderly(self.step_errors(made)))
@@ -192,11 +195,19 @@ class Search:
         begin, values = self._beginning(parent.fitted, about, candidate, fits, simple)
         horizons = self._horizons(parent)
         horizons = horizons if about is self.screen(parent) else (EARLY * horizons[0], *horizons)
-        fitted = self._near(rival, choice, begun_from(begin, choice, values), horizons)
+        if (ended := self._ended(choice)) is not None:
+            fitted = self._near(rival, choice, ended, horizons[-1:])
+        else:
+            fitted = self._near(rival, choice, begun_from(begin, choice, values), horizons)
         if fitted is not None and not fitted.chi2 <= parent.fitted.chi2:  # it contains the parent, and went astray
             fitted = fit(self.subject, choice, start=begun_from(parent.fitted, choice), fractions=horizons[-1:])
         if fitted is not None and np.isfinite(fitted.chi2):  # lost from its start, a set explains nothing
             fits.append(fitted)
+
+    def _ended(self, choice: Choice) -> np.ndarray | None:
+        """Where a fit of the same numbers ended that took another step."""
+        x = self.begun.get(choice.name)
+        return x if x is not None and x.size == start_of(self.subject, choice).size else None
 
     def _near(self, rival: Cause | None, choice: Choice, x: np.ndarray, horizons: Sequence[float]) -> Fitted | None:
         """Fitted over one share of the records after the other; None where it falls far behind a rival, which was not

@@ -11,6 +11,7 @@ __all__ = ["drawing"]  # a fixture
 pytestmark = pytest.mark.timeout(600)
 
 ONLY = frozenset(set(catalogue()) - {"coulomb_friction"})
+BRAKE = 0.03  # N m s/rad
 VISCOUS = frozenset(set(catalogue()) - {"viscous_friction"})
 
 
@@ -54,17 +55,23 @@ def test_an_error_of_another_order_is_not_put_back():
 def test_the_step_errs_about_the_cause_where_that_is_another_error(drawing, monkeypatch, much):
     """A bar that is braked: as drawn it swings on."""
     from backend.diagnose import run
+    from backend.diagnose.which import Search
 
     monkeypatch.setattr(run, "STEP_ERROR", 0.0 if much else 1e9)
     monkeypatch.setattr(run, "ROUGH", 1e9)
+    searches = []
+    monkeypatch.setattr(run, "Search", lambda *given, **told: searches.append(Search(*given, **told)) or searches[-1])
     found = run.diagnose_study(study(drawing, 1, torque=braked, frames=24), without=VISCOUS, step_s=COARSE_S)
-    search = run.Search(found.subject, lambda words: None, lambda: False)
+    search = searches[-1]
     (named,) = found.best.candidates
     assert named.name == "viscous_friction:j1"
     known = [p.correction for p in found.subject.fit if p.correction is not None]
     about = [search.apart(run.orderly(search.step_errors(c.fitted)), known) for c in (found.best, found.baseline)]
     assert (about[0] < 0.01 * about[1]) == much
+    begun = search.begun.get("viscous_friction:j1")
+    assert (begun is not None) == much  # where a fit with the other error ended
+    assert begun is None or begun[0] == pytest.approx(BRAKE, rel=0.05)
 
 
 def braked(t, q, rate):
-    return -0.03 * rate
+    return -BRAKE * rate
