@@ -71,6 +71,7 @@ class Search:
         self.asked: set[tuple[str, ...]] = set()
         self.parts: dict[tuple[tuple[str, ...], float, float], float] = {}
         self.raw: list[np.ndarray] = []
+        self.forms: set[tuple[str, str]] = set()
         self.followed = 1.0
 
     @property
@@ -157,7 +158,10 @@ class Search:
         for i, parent in enumerate(parents):
             about = self.screen(parent)
             free = [c for c in self.subject.library.candidates if is_new(c, parent) and not c.sought]
+            free = [c for c in free if not self._one_form(c, parent)]
             wider = containing(about, free)
+            if not parent.candidates:
+                self.forms = {(simple, wide.name) for simple, forms in wider.items() for wide in forms}
             plain = [c for c in free if all(c not in forms for forms in wider.values())]
             fits: list[Fitted] = []
             there = [c for c in plain if c.places == (place,) and about.gain(c) > 0.0] if i == 0 else []
@@ -166,6 +170,10 @@ class Search:
             self._widen(parent, about.early or about, wider, fits, rival)
             made += [self.keep(f) for f in self._stretch(fits) if in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
+
+    def _one_form(self, candidate: Candidate, parent: Cause) -> bool:
+        """Whether one of a parent's members is a form of the candidate, or the other way: both would do one thing."""
+        return any({(candidate.name, m), (m, candidate.name)} & self.forms for m in parent.names)
 
     def _promising(self, about: Screen, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
         """Those that gain most to first order; of a large misfit half as many by its beginning, too."""

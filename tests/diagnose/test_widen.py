@@ -11,12 +11,16 @@ from backend.diagnose.same_motion import elsewhere, of_its_shape
 from backend.diagnose.which import Search
 
 
+class Form(SimpleNamespace):
+    __hash__ = object.__hash__
+
+
 def form(kind: str, joint: str) -> Any:
-    return SimpleNamespace(kind=kind, name=f"{kind}:{joint}")
+    return Form(kind=kind, name=f"{kind}:{joint}")
 
 
 def wide(kind: str, joint: str) -> Any:
-    return SimpleNamespace(**vars(form(kind, joint)), tries=("some shape",))
+    return Form(**vars(form(kind, joint)), tries=("some shape",))
 
 
 def end(candidate: Any, chi2: float) -> Any:
@@ -47,6 +51,30 @@ def test_a_form_that_pays_where_the_simpler_was_best_is_tried_at_every_place(at_
     assert search.order == tried
     assert search.begun == [name.replace("stribeck", "coulomb") for name in tried]  # where the simpler one ended
     assert min(fits, key=lambda f: f.chi2).chi2 == (10.0 if len(tried) > 1 else at_best)
+
+
+def test_a_form_is_not_tried_beside_a_simpler_one_at_its_place(monkeypatch):
+    dry, worn, elsewhere_ = form("coulomb", "j1"), wide("stribeck", "j1"), form("coulomb", "j2")
+    for every in (dry, worn, elsewhere_):
+        every.sought, every.places = False, ()
+    search: Any = Looking({every.name: 100.0 for every in (dry, worn, elsewhere_)})
+    search.forms = set()
+    search.subject = SimpleNamespace(library=SimpleNamespace(candidates=[dry, worn, elsewhere_]))
+    monkeypatch.setattr(search, "screen", lambda cause: SimpleNamespace(early=None, gain=lambda candidate: 1.0))
+    monkeypatch.setattr(search, "_promising", lambda about, plain, refits: plain)
+    monkeypatch.setattr(search, "_stretch", lambda fits: [])
+    monkeypatch.setattr(which, "is_new", lambda candidate, cause: candidate.name not in cause.names)
+    forms = {dry.name: [worn]}
+    monkeypatch.setattr(which, "containing", lambda about, free: forms if worn in free else {})
+    for names, tried in (
+        ((), [dry.name, elsewhere_.name, worn.name]),
+        ((worn.name,), [elsewhere_.name]),
+        ((dry.name,), [elsewhere_.name]),
+        ((elsewhere_.name,), [dry.name, worn.name]),
+    ):
+        search.order.clear()
+        search.level([SimpleNamespace(names=names, candidates=names)], 8)
+        assert search.order == tried
 
 
 def test_a_simpler_form_is_tried_in_the_place_of_one_that_contains_it(monkeypatch):
