@@ -15,12 +15,14 @@ from scipy.stats import norm
 from backend.diagnose.kept import name_of
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Choice, Subject
-from backend.fit.solve import LeastSquares, solve
+from backend.fit.solve import LeastSquares, Solution, solve
 
 GAIN = 0.1  # in log evidence, over the power of what is left: a step that brings less is the last
 AT_BOUND = 1e-6  # of a number's natural size
 PLACES = ("m", "rad")  # units of channels that tell where something is
 UNSETTLED = 5.0  # sd of noise
+COARSE = 0.02  # of what is left: a step of a fit far behind another that gains less is its last
+BEHIND = 4.0  # times what another leaves: so far behind it
 REFUSALS = 5  # in a row: where friction sticks, a slope promises what no step brings
 
 
@@ -137,16 +139,20 @@ def fit(
     fractions: Sequence[float] = (1.0,),
     max_iterations: int = 12,
     cancelled: Callable[[], bool] | None = None,
+    ahead: float | None = None,
 ) -> Fitted:
-    """Most probable values under the prior, over growing shares of the records."""
+    """Most probable values under the prior, over growing shares of the records.
+
+    ahead: sum of squares that another fit leaves of as much; one that stays far behind it ends early.
+    """
     x = start_of(subject, choice) if start is None else start
     for fraction in fractions:
-        made = _fit(subject, choice, x, fraction, max_iterations, cancelled)
+        made = _fit(subject, choice, x, fraction, max_iterations, cancelled, ahead)
         x = made.x
     return made
 
 
-def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fitted:
+def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead) -> Fitted:
     probes = [subject.chosen(p, choice).first(fraction) for p in subject.fit]
     seer = Seer(subject, probes, fraction)
     few = len(choice.parameters)
@@ -170,12 +176,21 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled) -> Fit
 
     names = [p.name for p in choice.parameters] + [f"start {i}" for i in range(x.size - few)]
     what = f"{subject.library.family}|{choice.name}|{max_iterations}"
-    key = subject.kept.asked(name_of(what, [fraction, subject.step_s, choice.settled_m, *choice.prior_sd, *x]))
+    numbers = [fraction, subject.step_s, choice.settled_m, ahead or 0.0, *choice.prior_sd, *x]
+    key = subject.kept.asked(name_of(what, numbers))
     known = subject.kept.end_of(key)
     if known is None:
         problem = LeastSquares(names, lambda x: linearise(x)[0], linearise, lower, upper, scale, seer.count)
-        enough = 2.0 * GAIN / seer.count
-        solution = solve(problem, x, max_iterations=max_iterations, ftol=enough, refusals=REFUSALS, cancelled=cancelled)
+
+        def solved(x: np.ndarray, iterations: int, ftol: float) -> Solution:
+            return solve(problem, x, max_iterations=iterations, ftol=ftol, refusals=REFUSALS, cancelled=cancelled)
+
+        enough, taken = 2.0 * GAIN / seer.count, 0
+        if ahead is not None:
+            solution = solved(x, max_iterations, COARSE)
+            x, taken = solution.x, len(solution.history) - 1
+        if ahead is None or (taken < max_iterations and np.sum(solution.residual[: seer.count] ** 2) < BEHIND * ahead):
+            solution = solved(x, max_iterations - taken, enough)
         known, full, slopes = (solution.x, solution.status), solution.residual, solution.jacobian
         if not (cancelled is not None and cancelled()):
             subject.kept.note(key, *known)

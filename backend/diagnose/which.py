@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
-from backend.diagnose.fitted import Fitted, fit, log_evidence, mean_square, start_of
+from backend.diagnose.fitted import BEHIND, Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.library import LOAD, PLAYS
 from backend.diagnose.noise_learnt import remember, set_aside
@@ -26,7 +26,6 @@ from backend.diagnose.unseen import Left, Unseen, unseen
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
-BEHIND = 4.0  # times the best one's miss: a cause that follows the motion so much worse is given up
 SWITCHES = 3  # causes of a kind that switches on, refitted
 BRIEF = 4  # iterations of a first look
 GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
@@ -69,6 +68,7 @@ class Search:
         self.screens: dict[tuple[str, ...], Screen] = {}
         self.looked: dict[int, tuple[Fitted, Unseen | None]] = {}
         self.asked: set[tuple[str, ...]] = set()
+        self.least: dict[float, float] = {}
         self.parts: dict[tuple[tuple[str, ...], float, float], float] = {}
         self.raw: list[np.ndarray] = []
         self.forms: set[tuple[str, str]] = set()
@@ -223,8 +223,8 @@ class Search:
         """
         made = None
         for share in horizons:
-            made = fit(self.subject, choice, start=x, fractions=(share,))
-            x = made.x
+            made = fit(self.subject, choice, start=x, fractions=(share,), ahead=self.least.get(share))
+            x, self.least[share] = made.x, np.fmin(made.chi2, self.least.get(share, np.inf))
             if rival is not None and share < horizons[-1]:
                 key = (rival.names, rival.fitted.chi2, share)
                 if key not in self.parts:

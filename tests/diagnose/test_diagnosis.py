@@ -172,6 +172,9 @@ def test_a_member_that_stood_for_another_is_exchanged_for_it(drawing):
     search.baseline()
     of = {c.name: c for c in search.subject.library.candidates}
     fitted = fit(search.subject, search.subject.choose(of["coulomb_friction:j1"], of["air_drag:bar"]))
+    close, far = (fit(search.subject, fitted.choice, ahead=share * fitted.chi2) for share in (1.0, 0.01))
+    assert close.chi2 == pytest.approx(fitted.chi2, abs=0.5)
+    assert fitted.chi2 < far.chi2 < 1.1 * fitted.chi2  # so far behind another, it ends early
     wrong = Cause(fitted, log_evidence(fitted))
     search.exchange(wrong)
     assert ("coulomb_friction:j1",) in search.tried  # given up for nothing
