@@ -12,8 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import solve_banded
 from scipy.stats import chi2
 
+from backend.diagnose.memory import Memory, remembered
 from backend.fit.measured import Channel, Measured
 from backend.fit.noise import ROUNDING, quantum
 
@@ -30,21 +32,28 @@ FAR = 5.0  # robust sd of still frames
 class Whitening:
     """Linear map from the samples of one experiment to independent rows of unit noise.
 
-    keep: samples that count, by channel and time. gain, pull: row = gain (y_i - pull y_previous). off: directions in
-    the rows that vary by more than the noise, and what is taken off them.
+    keep: samples that count, by channel and time. gain, pull, believed: row = gain (y_i - foretold_i), where foretold_i
+    = pull (believed y + (1 - believed) foretold) of the sample before. off: directions in the rows that vary by more
+    than the noise, and what is taken off them.
     """
 
     keep: Int[np.ndarray, " n"]
     gain: Float[np.ndarray, " n"]
     pull: Float[np.ndarray, " n"]
+    believed: Float[np.ndarray, " n"]
     off: tuple[Float[np.ndarray, "n ways"], Float[np.ndarray, " ways"]] | None = None
 
     def __call__(self, rows: Float[np.ndarray, "samples ..."]) -> Float[np.ndarray, "n ..."]:
         """Rows of unit noise, of samples or of their slopes."""
         kept = rows[self.keep]
-        before = np.concatenate([np.zeros_like(kept[:1]), kept[:-1]])
-        shape = (-1,) + (1,) * (kept.ndim - 1)
-        rows = self.gain.reshape(shape) * (kept - self.pull.reshape(shape) * before)
+        flat = kept.reshape(len(kept), -1)
+        before = np.concatenate([np.zeros_like(flat[:1]), (self.believed[:, None] * flat)[:-1]])
+        foretold = self.pull[:, None] * before
+        if np.any(self.believed < 1.0) and foretold.size:
+            chain = np.ones((2, len(kept)))
+            chain[1, :-1] = -self.pull[1:] * (1.0 - self.believed[:-1])
+            foretold = solve_banded((1, 0), chain, foretold, check_finite=False)
+        rows = (self.gain[:, None] * (flat - foretold)).reshape(kept.shape)
         if self.off is None:
             return rows
         ways, shares = self.off
@@ -65,10 +74,10 @@ class Whitening:
 
 @dataclass(frozen=True)
 class Noise:
-    """Sd of every sample of every experiment, memory (AR(1) coefficient per sampling interval) and which count."""
+    """Sd of every sample of every experiment, memory of each kind of channel and which samples count."""
 
     sigma: tuple[Float[np.ndarray, " samples"], ...]
-    memory: dict[str, float]
+    memory: dict[str, Memory]
     keep: tuple[np.ndarray, ...]
 
     def whitening(self, data: Measured, run: int, fraction: float = 1.0, scale: float = 1.0) -> Whitening:
@@ -76,17 +85,17 @@ class Noise:
         since = data.time_s - data.release_s
         keep = np.flatnonzero(self.keep[run] & (since <= fraction * since.max()))
         sigma, time, channel = scale * self.sigma[run][keep], data.time_s[keep], data.channel[keep]
-        gain, pull = 1.0 / sigma, np.zeros(keep.size)
+        gain, pull, believed = 1.0 / sigma, np.zeros(keep.size), np.ones(keep.size)
         for c, of in enumerate(data.channels):
             rows = np.flatnonzero(channel == c)
-            a = self.memory.get(kind_of(of), 0.0)
-            if rows.size < 2 or a == 0.0:
+            memory = self.memory.get(kind_of(of))
+            if rows.size < 2 or not memory:
                 continue
             gaps = np.diff(time[rows])
-            lag = a ** np.maximum(gaps / np.median(gaps), 0.5)
-            pull[rows[1:]] = lag * sigma[rows[1:]] / sigma[rows[:-1]]
-            gain[rows[1:]] /= np.sqrt(1.0 - lag**2)
-        return Whitening(keep, gain, pull)
+            lasts, believed[rows], width = memory.foretelling(np.maximum(gaps / np.median(gaps), 0.5))
+            pull[rows[1:]] = lasts[1:] * sigma[rows[1:]] / sigma[rows[:-1]]
+            gain[rows] /= width
+        return Whitening(keep, gain, pull, believed)
 
 
 def kind_of(channel: Channel) -> str:
@@ -98,7 +107,7 @@ def estimate(data: Sequence[Measured]) -> Noise:
     """From all experiments of a study together."""
     keep = tuple(good_samples(d) for d in data)
     sigma = [d.sigma.copy() for d in data]
-    memory: dict[str, float] = {}
+    memory: dict[str, Memory] = {}
     for kind in {kind_of(c) for d in data for c in d.channels}:
         still = [
             (i, c, rows)
@@ -110,7 +119,9 @@ def estimate(data: Sequence[Measured]) -> Noise:
             continue
         still = _calm(data, keep, still)
         series = [data[i].value[rows] - data[i].value[rows].mean() for i, _, rows in still]
-        a = memory[kind] = _memory(series)
+        when = [data[i].time_s[rows] for i, _, rows in still]
+        when = [t / np.median(np.diff(t)) for t in when]
+        a = memory[kind] = remembered(series, when, _coefficient(series))
         names = {data[i].channels[c].at + data[i].channels[c].coordinate for i, c, _ in still}
         own = {
             name: _sd([s for s, (i, c, _) in zip(series, still, strict=True) if _name(data[i], c) == name], a)
@@ -158,7 +169,7 @@ def _name(data: Measured, channel: int) -> str:
     return data.channels[channel].at + data.channels[channel].coordinate
 
 
-def _memory(series: Sequence[np.ndarray]) -> float:
+def _coefficient(series: Sequence[np.ndarray]) -> float:
     """AR(1) coefficient of short series; each is too small by (1 + 3 a) / n (Marriott and Pope 1954)."""
     power = sum(float(s @ s) for s in series)
     if power == 0.0:
@@ -170,16 +181,11 @@ def _memory(series: Sequence[np.ndarray]) -> float:
     return float(np.clip(a, 0.0, 0.97)) if abs(a) > 2.0 * sd else 0.0
 
 
-def _sd(series: Sequence[np.ndarray], a: float) -> float:
-    """Sd of an AR(1) series about an unknown mean each: the mean takes away more than one sample's worth."""
+def _sd(series: Sequence[np.ndarray], memory: Memory) -> float:
+    """Sd of series about an unknown mean each: of what is remembered the mean takes more than one sample's worth."""
     power = sum(float(s @ s) for s in series)
-    free = sum(s.size - _mean_takes(s.size, a) for s in series)
+    free = sum(s.size - memory.mean_takes(s.size) for s in series)
     return float(np.sqrt(power / max(free, 1.0)))
-
-
-def _mean_takes(n: int, a: float) -> float:
-    lags = np.arange(1, n)
-    return float(1.0 + 2.0 * np.sum((1.0 - lags / n) * a**lags)) if a else 1.0
 
 
 def good_samples(data: Measured) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.latent import Latent, left_over, neighbour_correlation, studentised
+from backend.diagnose.memory import Memory
 from backend.diagnose.noise import kind_of, strays
 
 CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is left
@@ -20,7 +21,11 @@ def remember(fitted: Fitted, latent: Latent) -> bool:
     seer = Seer(fitted.subject, fitted.probes, fitted.fraction)
     kinds = {kind_of(c) for p in fitted.probes for c in p.data.channels}
     changed = False
+    memory = fitted.subject.noise.memory
     for kind in kinds:
+        known = memory.get(kind, Memory())
+        if known.share < 1.0:  # still frames told more than neighbours do
+            continue
         follows = np.zeros(fitted.r.size, bool)
         for p, white, rows in zip(fitted.probes, seer.white, seer.rows, strict=True):
             channel, time = p.data.channel[white.keep], p.data.time_s[white.keep]
@@ -32,8 +37,7 @@ def remember(fitted: Fitted, latent: Latent) -> bool:
             continue
         more = neighbour_correlation(fitted, latent, follows)
         if abs(more) > 2.0 / np.sqrt(follows.sum()):
-            memory = fitted.subject.noise.memory
-            memory[kind] = float(np.clip(memory.get(kind, 0.0) + more, 0.0, 0.97))
+            memory[kind] = Memory(float(np.clip(known.coefficient + more, 0.0, 0.97)))
             changed = True
     return changed
 

@@ -37,7 +37,8 @@ def test_static_frames_tell_the_size_of_the_noise_and_its_memory(memory):
     noise = estimate([record(rng, memory=memory) for _ in range(6)])
     # 480 samples: sd to 3% (5% with memory), memory to 0.05; three of each.
     assert noise.sigma[0][0] == pytest.approx(1e-3, rel=0.15)
-    assert noise.memory["marker"] == pytest.approx(memory, abs=0.15)
+    assert noise.memory["marker"].coefficient == pytest.approx(memory, abs=0.15)
+    assert noise.memory["marker"].share == 1.0
 
 
 def test_whitened_noise_is_independent_and_of_unit_size():
