@@ -58,6 +58,12 @@ class Candidate:
         """The same play with pins that may lie so far off before the release."""
         return replace(self, settled_m=far_m, closer=tuple(c.settling(far_m) for c in self.closer))
 
+    def shaped_as(self, other: Candidate) -> Candidate:
+        """The same with as much of its shape free as another of its kind has, where it can have that."""
+        names = {p.parameter for p in other.parameters}
+        ways = (c for c in (self, *self.closer) if {p.parameter for p in c.parameters} == names)
+        return next(ways, self) if self.kind == other.kind else self
+
     @property
     def log_odds(self) -> float:
         """Of its kind, against the commonest, and of its place among those where the kind may act."""

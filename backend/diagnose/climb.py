@@ -33,7 +33,6 @@ NAMED = 1.0  # log odds: of sets that explain as much, by which one is named bef
 MOST_GONE = 0.1  # of the gap's power: of a cause that leaves no more, others that do the same are sought too
 PLAIN = 8  # sets of a size, the likeliest, that may do for a larger one
 TELLING = 0.7  # of the power that is left: a set that leaves no less than this of another's tells little more
-RIVALS = 3  # of a set, whose walls are taken as they come where its own are
 MOST = 0.5  # one more effect must leave at most this share of the power where the law of blows would excuse it
 
 
@@ -230,14 +229,9 @@ class Climb(AbstractStandards):
         alike = stopping_alike(search, closer)
         if closer is best and not alike:
             return best, last
-        reach, kinds = best.log_z - (closer.log_z - best.log_z), sorted(c.kind for c in best.candidates)
         known = {c.names for c in (closer, *alike)}
-        rivals = [
-            c for c in search.tried.values()
-            if c.names not in known and sorted(k.kind for k in c.candidates) == kinds
-            and c.fitted.fraction == best.fitted.fraction and c.log_z > reach
-        ]  # fmt: skip
-        found = [closer, *alike, *(search.closer(c) for c in sorted(rivals, key=lambda c: -c.log_z)[:RIVALS])]
+        others = [c for c in search.tried.values() if c.names not in known]
+        found = [closer, *alike, *search.coming_up(best, closer, others)]
         self.search.tried.update({c.names: c for c in found})
         return self._judged(max(found, key=self._weight), search)
 

@@ -156,11 +156,15 @@ class _Inquiry:
         return self.judge(baseline, best, last, about, latent, at_base, p, model_free, first, climb)
 
     def shaped(self, singles: list[Cause]) -> list[Cause]:
-        """Single causes, the likeliest with what of its shape is freed late."""
+        """Single causes, the likeliest with what of its shape is freed late, and so others of its kind that could come
+        up with it so.
+        """
         if not singles:
             return singles
         leader = max(singles, key=lambda c: (c.fitted.fraction, c.log_z))
-        return [self.search.closer(c) if c is leader else c for c in singles]
+        closer = self.search.closer(leader)
+        found = {c.names: c for c in (closer, *self.search.coming_up(leader, closer, singles))}
+        return [found.get(c.names, c) for c in singles]
 
     def begin_again(self, how: str, step: float, errors: Sequence[np.ndarray] = ()) -> Cause:
         """The drawing fitted anew, with this share of the step and these errors of it put back."""

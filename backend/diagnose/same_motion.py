@@ -30,7 +30,8 @@ def complete(search: Search, cause: Cause, scale: float) -> list[Cause]:
     found: list[tuple[float, Choice, Float[np.ndarray, " x"]]] = []
     for given in combinations(cause.candidates, size):
         rest = [c for c in cause.candidates if c not in given]
-        every = dict.fromkeys([*given, *search.subject.library.candidates])  # a closer form is not in the library
+        # A closer form is not in the library, nor would others of its kind do the same without what it has free.
+        every = dict.fromkeys([*given, *(_shaped(c, given) for c in search.subject.library.candidates)])
         free = [c for c in every if not any(c.overlaps(kept) for kept in rest)]
         about = beyond(cause.fitted, given).rescaled(scale)
         sets = list(about.sets(free, size))
@@ -49,6 +50,11 @@ def complete(search: Search, cause: Cause, scale: float) -> list[Cause]:
     return [search.keep_likelier(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
 
 
+def _shaped(candidate: Candidate, given: Sequence[Candidate]) -> Candidate:
+    """A candidate with as much of its shape free as one of its kind that is given up for it."""
+    return next((candidate.shaped_as(c) for c in given if c.kind == candidate.kind), candidate)
+
+
 def begun_alike(
     fitted: Fitted,
     choice: Choice,
@@ -64,7 +70,12 @@ def begun_alike(
     had = dict(zip((p.name for p in fitted.choice.parameters), fitted.values.tolist(), strict=True))
     known = frozenset[str]().union(*(c.told for c in members))
     told = {name: had.get(name, value) for name, value in values.items() if name in known}
-    x, shift = begun_from(fitted, choice, told), about.moved(members, told)
+    shape = {(c.kind, p.parameter): had[p.name] for c in given for p in c.parameters if p.name not in c.told}
+    begin = {
+        p.name: shape[c.kind, p.parameter] for c in members for p in c.parameters
+        if p.name not in known and (c.kind, p.parameter) in shape
+    }  # fmt: skip
+    x, shift = begun_from(fitted, choice, told | begin), about.moved(members, told)
     gone = {p.name for c in given for p in c.parameters}
     left = [p.name for p in fitted.choice.parameters if p.name not in gone]
     x[len(choice.parameters) :] += shift[len(left) :]

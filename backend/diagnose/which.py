@@ -35,6 +35,7 @@ CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
+RIVALS = 3  # of a set, whose walls are taken as they come, or whose shape is free, where its own are
 ORDERLY = 0.25  # of an error's square, by which twice the step may say otherwise where the error is of second order
 HARDLY = 0.01  # noise variances a sample: less than the law of blows and the step err by
 APART = 9.0  # squared sd below which two explanations do the same
@@ -410,6 +411,16 @@ class Search:
             return cause
         self.tried[found.names] = found
         return found
+
+    def coming_up(self, leader: Cause, closer: Cause, causes: Sequence[Cause]) -> list[Cause]:
+        """Of causes, the nearest of a leader's kinds that could come up with it as it is closer, closer as well."""
+        reach, kinds = leader.log_z - (closer.log_z - leader.log_z), sorted(c.kind for c in leader.candidates)
+        near = [
+            c for c in causes
+            if c.names != leader.names and c.fitted.fraction == leader.fitted.fraction and c.log_z > reach
+            and sorted(k.kind for k in c.candidates) == kinds
+        ]  # fmt: skip
+        return [self.closer(c) for c in sorted(near, key=lambda c: -c.log_z)[:RIVALS]]
 
     def begun_at(self, cause: Cause, members: Sequence[Candidate], values: Mapping[str, float]) -> Cause | None:
         """Another set, fitted from where a cause ended and from these values, or what was tried under its names where

@@ -65,3 +65,8 @@ def test_a_size_that_is_hardly_to_be_believed_leaves_half_to_the_unknown(size, o
     belief = weigh(None, [cause("camera", size=size)], 50, scale=1.0)
     assert belief.probability[0] == pytest.approx(own)
     assert belief.unknown == pytest.approx(1.0 - own)
+
+
+def test_members_and_an_outsized_one_are_doubted_for_one_reason():
+    belief = weigh(None, [cause("joint:a", "camera", size=1.1 * FAR)], 50, scale=1.0)
+    assert belief.probability[0] == pytest.approx(min(1.0 - IMITATED[False], 1.0 - OUTSIZED))

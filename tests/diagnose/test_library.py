@@ -89,6 +89,9 @@ def test_dry_friction_brings_how_far_it_gives_where_a_joint_of_its_type_has_that
     assert [p.parameter for p in shaped.parameters] == ["friction_torque_n_m", "presliding_rad", "onset_rad_per_s"]
     assert rub.sizes.tolist() == [True, False]
     assert shaped.sizes.tolist() == [True, False, False]
+    (next_,) = [c for c in library(fourbar(), SMOOTH).candidates if c.name == "coulomb_friction:j2"]
+    assert [p.name for p in next_.shaped_as(shaped).parameters][-1] == "coulomb_friction:j2.onset_rad_per_s"
+    assert next_.shaped_as(rub) is next_
     assert rub.allows(np.array([0.1, -1.0]))
     assert not rub.allows(np.array([-0.1, 1.0]))  # friction does not drive
 

@@ -143,3 +143,20 @@ def of(joint: str) -> Any:
     names = ("static", "sliding", "speed")
     numbers = [SimpleNamespace(name=f"{joint}.{n}", parameter=n, start=0.0, lower=0.0, upper=10.0) for n in names]
     return SimpleNamespace(on=(joint,), parameters=tuple(numbers), sizes=np.array([True, True, False]))
+
+
+def test_others_of_a_kind_are_as_free_in_their_shape_as_the_likeliest():
+    def rubs(joint: str, log_z: float, kind: str = "coulomb", fraction: float = 1.0) -> Any:
+        fitted = SimpleNamespace(fraction=fraction)
+        return SimpleNamespace(names=(f"{kind}:{joint}",), log_z=log_z, fitted=fitted, candidates=(form(kind, joint),))
+
+    search: Any = Looking({})
+    asked: list[str] = []
+    search.closer = lambda cause: asked.append(cause.names[0]) or cause
+    leader, closer = rubs("j1", 100.0), rubs("j1", 130.0)
+    others = [
+        leader, rubs("j2", 71.0), rubs("j3", 69.0), rubs("j4", 99.0, "viscous"), rubs("j5", 99.0),
+        rubs("j6", 99.0, fraction=0.5),
+    ]  # fmt: skip
+    assert [c.names[0] for c in search.coming_up(leader, closer, others)] == asked == ["coulomb:j5", "coulomb:j2"]
+    assert search.coming_up(leader, leader, others) == []
