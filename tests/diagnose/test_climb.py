@@ -7,6 +7,7 @@ import pytest
 
 from backend.diagnose import climb as module
 from backend.diagnose.climb import Climb
+from backend.diagnose.which import Search
 
 
 class Asked(Exception):
@@ -105,7 +106,8 @@ def test_all_pins_that_came_near_are_fitted_with_blows_as_they_come(monkeypatch)
         tried[found.names] = found
         return found
 
-    search = SimpleNamespace(tried=tried, closer=closer)
+    search: Any = object.__new__(Search)
+    search.tried, search.closer = tried, closer
     climb.search = SimpleNamespace(tried={})
     monkeypatch.setattr(climb, "_weight", lambda cause: cause.log_z)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
