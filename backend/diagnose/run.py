@@ -29,7 +29,7 @@ from backend.diagnose.subject import SAME, Subject, prepare
 from backend.diagnose.unknown import unknown_evidence
 from backend.diagnose.verdict import fitted_share, make_report
 from backend.diagnose.where import MissingForce, locations, place_evidence, shares
-from backend.diagnose.which import LEADERS, ORDERLY, PARTNERS, REFITS, Search, orderly
+from backend.diagnose.which import CHANCE, LEADERS, ORDERLY, PARTNERS, REFITS, Search, orderly
 from backend.fit.fit_study import default_step
 from backend.fit.guess import told
 from backend.mechanism.apart import set_apart
@@ -157,11 +157,14 @@ class _Inquiry:
 
     def shaped(self, singles: list[Cause]) -> list[Cause]:
         """Single causes, the likeliest with what of its shape is freed late, and so others of its kind that could come
-        up with it so.
+        up with it so; as they are where the likeliest leaves no more than noise.
         """
         if not singles:
             return singles
         leader = max(singles, key=lambda c: (c.fitted.fraction, c.log_z))
+        rows = leader.fitted.r.size
+        if leader.fitted.fraction == 1.0 and leader.fitted.chi2 < rows + CHANCE * np.sqrt(2.0 * rows):
+            return singles
         closer = self.search.closer(leader)
         found = {c.names: c for c in (closer, *self.search.coming_up(leader, closer, singles))}
         return [found.get(c.names, c) for c in singles]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.diagnose import same_motion, which
+from backend.diagnose import run, same_motion, which
 from backend.diagnose.same_motion import elsewhere, of_its_shape
 from backend.diagnose.which import Search
 
@@ -160,3 +160,14 @@ def test_others_of_a_kind_are_as_free_in_their_shape_as_the_likeliest():
     ]  # fmt: skip
     assert [c.names[0] for c in search.coming_up(leader, closer, others)] == asked == ["coulomb:j5", "coulomb:j2"]
     assert search.coming_up(leader, leader, others) == []
+
+
+@pytest.mark.parametrize(("left", "closer"), [(1.02, False), (1.5, True)])
+def test_a_shape_is_freed_where_something_is_left_for_it(left, closer):
+    inquiry: Any = object.__new__(run._Inquiry)
+    fitted = SimpleNamespace(fraction=1.0, chi2=left * 5000, r=np.zeros(5000))
+    leader, better = (SimpleNamespace(names=("rub:j1",), log_z=z, fitted=fitted) for z in (5.0, 9.0))
+    other = SimpleNamespace(names=("rub:j2",), log_z=4.0, fitted=fitted)
+    inquiry.search = SimpleNamespace(closer=lambda cause: better, coming_up=lambda leader, closer, causes: [])
+    assert inquiry.shaped([other, leader]) == [other, better if closer else leader]
+    assert inquiry.shaped([]) == []
