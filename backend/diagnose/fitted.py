@@ -185,12 +185,11 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead)
         def solved(x: np.ndarray, iterations: int, ftol: float) -> Solution:
             return solve(problem, x, max_iterations=iterations, ftol=ftol, refusals=REFUSALS, cancelled=cancelled)
 
-        enough, taken = 2.0 * GAIN / seer.count, 0
-        if ahead is not None:
-            solution = solved(x, max_iterations, COARSE)
-            x, taken = solution.x, len(solution.history) - 1
-        if ahead is None or (taken < max_iterations and np.sum(solution.residual[: seer.count] ** 2) < BEHIND * ahead):
-            solution = solved(x, max_iterations - taken, enough)
+        enough = 2.0 * GAIN / seer.count
+        solution = solved(x, max_iterations, enough if ahead is None else COARSE)
+        missed, rest = solution.residual[: seer.count], max_iterations - len(solution.history) + 1
+        if ahead is not None and rest > 0 and missed @ missed < BEHIND * ahead:
+            solution = solved(solution.x, rest, enough)
         known, full, slopes = (solution.x, solution.status), solution.residual, solution.jacobian
         if not (cancelled is not None and cancelled()):
             subject.kept.note(key, *known)
