@@ -11,6 +11,7 @@ class ExtensionSpring(AbstractStrut):
 
     kind = "extension_spring"
     acts_on = "bodies"
+    odds = 0.1  # what a drawn one loses: coils give back nearly all of a swing, pins rub
     anchor_a_m: Float[Array, "3"] = parameter(
         "m", "end on the first body, in its axes", default=None, size=3, by_name=True
     )

@@ -109,15 +109,27 @@ def test_drag_on_a_hanging_link_is_friction_at_its_hinge(double):
     assert {(r.kind, r.on) for r in far.alike} == {("viscous_friction", ("j1",)), ("linear_drag", ("upper",))}
 
 
-def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(sprung):
-    rig, starts = sprung
-    witness = Witness(rig.linkage, starts, RECORD, NOISE)
-    made = cause(rig, "viscous_friction", 0, 0.1, None)
+@pytest.mark.parametrize(("linkage_seed", "start", "frames"), [(5, 0.2, 0), (4, -0.3, 150)])
+def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(linkage_seed, start, frames):
+    linkage, starts = scissor(np.random.default_rng(linkage_seed)), np.array([[start]])
+    rig, time_s = rig_of(linkage, starts), np.arange(frames) / 90
+    record = Record(time_s - 0.2, time_s) if frames else RECORD
+    witness = Witness(rig.linkage, starts, record, NOISE)
+    made = cause(rig, "viscous_friction", 0, 0.01, None)
     far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e5)
     hinges = tuple(pin.id for pin in rig.linkage.pins if pin.id != "slot")
     # Feet turn half as fast, which a quarter of the friction makes up for; only the slot slides another way.
     alike = {rival.on for rival in far.alike if rival.kind == "viscous_friction"}
     assert alike == {(hinge,) for hinge in hinges} | {hinges}
+
+
+def test_a_slide_along_a_spring_rubs_as_the_spring_is_damped(sprung):
+    rig, starts = sprung
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    slot = [pin.id for pin in rig.linkage.pins].index("slot")
+    made = cause(rig, "viscous_friction", slot, 0.01, None)
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e4)
+    assert ("extension_spring", ("s1",)) in {(rival.kind, rival.on) for rival in far.alike}
 
 
 def test_friction_that_falls_with_speed_may_be_at_every_hinge_of_a_scissor(sprung):

@@ -67,12 +67,15 @@ def friction(
     return -limit * (bristle + BRISTLE_DAMPING_S * fading * bending), bending
 
 
-def strut(linkage: Linkage, laws: Laws, gap: np.ndarray) -> np.ndarray:
-    """What the drawn springs pull on their first ends, complex (rows, springs) [N]; gap: from b to a [m]."""
+def strut(linkage: Linkage, laws: Laws, gap: np.ndarray, leaving: np.ndarray) -> np.ndarray:
+    """What the drawn springs pull on their first ends, complex (rows, springs) [N]; gap: from b to a [m], leaving: how
+    fast it changes [m/s].
+    """
     length = np.abs(gap)
+    along = gap / np.maximum(length, 1e-9)
     k = np.array([s.stiffness for s in linkage.springs]) * (1 + laws.stiffer)
     free = np.array([s.free_length for s in linkage.springs])
-    return -gap / np.maximum(length, 1e-9) * (k * (length - free) + laws.preload)
+    return -along * (k * (length - free) + laws.preload + laws.damping * np.real(np.conj(along) * leaving))
 
 
 def hysteresis(laws: Laws, rate: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

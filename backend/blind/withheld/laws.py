@@ -21,7 +21,7 @@ PER_JOINT = (
 )
 PER_LINK = ("heavier", "inertia", "stretch", "drag", "slow", "slosh", "slosh_rate")
 PER_LINK_PLANE = ("centre",)
-PER_SPRING = ("stiffer", "preload")
+PER_SPRING = ("stiffer", "preload", "damping")
 PER_MARKER = ("wobble", "wobble_hz", "wobble_phase")
 PER_MARKER_PLANE = ("shifted", "drift")
 ONCE = (
@@ -54,7 +54,8 @@ class Laws:
     play: radial [m], lower and upper stops [rad], stop_stiffness [N m/rad^1.5]; at a slide N and m take the place of
     N m and rad.
     links: heavier, inertia, stretch: relative; centre [m, link axes]; drag: half density x drag coefficient x width
-    [N s²/m³], slow [N s/m].  springs: stiffer (relative), preload [N].  markers: shifted [m, link axes], drift [m/s].
+    [N s²/m³], slow [N s/m].  springs: stiffer (relative), preload [N], damping [N s/m].  markers: shifted [m, link
+    axes], drift [m/s].
     whole: tilt of the rig about world y [rad], delay [s], release_rate of the first joint [rad/s]; the camera's
     scale, turn [rad], pitch and yaw [rad], k1 [1/m²]; frame_rate (relative), time_offset [s], readout [s].
     What no library has: see causes.py.

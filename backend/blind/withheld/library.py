@@ -131,6 +131,13 @@ def _preload(rig, i, size, rng):
     return {"n": value}, [Change("preload", i, value)]
 
 
+@kind("extension_spring", "spring", 0.005, 0.1)
+def _damped(rig, i, size, rng):
+    """What its coils lose, or a damper beside them."""
+    value = size * rig.mass * GRAVITY / (rig.rate * rig.linkage.size)
+    return {"damping_n_s_per_m": value}, [Change("damping", i, value)]
+
+
 @kind("gravity_tilt", "world", 0.004, 0.06, signed=True)
 def _tilt(rig, i, size, rng):
     return {"pitch_rad": size}, [Change("tilt", None, size)]

@@ -150,7 +150,7 @@ class Plant:
             Q += self._drag(now)
         if self.linkage.springs:
             gap_, Jg, _ = now.motion(self.struts)
-            tension = forces.strut(self.linkage, laws, gap_)
+            tension = forces.strut(self.linkage, laws, gap_, (Jg @ now.v[:, :, None])[..., 0])
             Q += _along(Jg, tension)
             outside = outside + tension @ self.tied
         effort = forces.joint_effort(laws, time_s, angle, rate)
