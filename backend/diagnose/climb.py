@@ -11,6 +11,7 @@ from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
+from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.ends import stopping_alike
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library, rubs_dry
 from backend.diagnose.same_motion import complete, elsewhere
@@ -18,6 +19,7 @@ from backend.diagnose.softness import softness
 from backend.diagnose.standards import NOTHING, SURE, WORTH, AbstractStandards
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import let_go
+from backend.diagnose.switched import switching
 from backend.diagnose.where import place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, Search
 from backend.mechanism.study import Study, driven_effects
@@ -144,7 +146,7 @@ class Climb(AbstractStandards):
             if search is None:
                 continue
             self.searches[id(search.subject)] = search
-            for cause in search.switching(self.baseline, family, motion, best):
+            for cause in switching(search, self.baseline, family, motion, best):
                 self.search.tried[cause.names] = cause
                 if self._likelier(cause, best):
                     best, last = self._judged(cause, search)
@@ -155,7 +157,7 @@ class Climb(AbstractStandards):
                 break
             elif len(best.candidates) <= SURE:
                 for beside in self._besides(best, alone):
-                    for cause in search.switching(self.baseline, family, motion, best, beside)[:1]:
+                    for cause in switching(search, self.baseline, family, motion, best, beside)[:1]:
                         self.search.tried[cause.names] = cause
                         cause, judged = self._judged(cause, search)
                         if self._accepted(cause, best, judged, last):
@@ -179,7 +181,7 @@ class Climb(AbstractStandards):
         if search is None or (rest is not None and beside is None):
             return best, last
         self.searches[id(search.subject)] = search
-        for cause in search.switching(self.baseline, LOAD, {}, best, beside):
+        for cause in switching(search, self.baseline, LOAD, {}, best, beside):
             self.search.tried[cause.names] = cause
             if self._likelier(cause, best):
                 best, last = self._judged(cause, search)
@@ -195,7 +197,7 @@ class Climb(AbstractStandards):
             if search is None:
                 continue
             self.searches[id(search.subject)] = search
-            for cause in search.switching(self.baseline, family, {}, best):
+            for cause in switching(search, self.baseline, family, {}, best):
                 self.search.tried[cause.names] = cause
                 if self._likelier(cause, best):
                     best, last = self._judged(cause, search)
@@ -220,18 +222,22 @@ class Climb(AbstractStandards):
         return best, last
 
     def _closer(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
-        """The best set with walls as they come, where it is of this family, not enough as it is and likelier so; sets
-        that could come up with it so, and other ends of travel that stop the motion alike, are asked as well.
+        """The best set with walls as they come, where it is of this family, not enough as it is and likelier so, or
+        what needs only such walls and nothing beside them; sets that could come up with it so, and other ends of travel
+        that stop the motion alike, are asked as well.
         """
         if search.tried.get(best.names) is not best:
             return best, last
-        closer = best if self.enough(last) else search.closer(best)
-        alike = stopping_alike(search, closer)
-        if closer is best and not alike:
+        better = best if self.enough(last) else closer(search, best)
+        if better is not best and len(best.candidates) > 1:  # what stood beside may have made up for walls too hard
+            fewer = [search.without(better, c) for c in better.candidates if c.family == SMOOTH]
+            better = max([better, *fewer], key=self._by_fit)
+        alike = stopping_alike(search, better)
+        if better is best and not alike:
             return best, last
-        known = {c.names for c in (closer, *alike)}
+        known = {c.names for c in (better, *alike)}
         others = [c for c in search.tried.values() if c.names not in known]
-        found = [closer, *alike, *search.coming_up(best, closer, others)]
+        found = [better, *alike, *coming_up(search, best, better, others)]
         self.search.tried.update({c.names: c for c in found})
         return self._judged(max(found, key=self._weight), search)
 

@@ -14,6 +14,7 @@ from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import Belief, aliases, weigh
 from backend.diagnose.cause import Cause
 from backend.diagnose.climb import NEAR, Climb
+from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.ends import one_motion
 from backend.diagnose.fitted import Fitted, mean_square
 from backend.diagnose.kept import Kept
@@ -25,11 +26,13 @@ from backend.diagnose.screen import Screen, library_slopes
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
 from backend.diagnose.softness import softness
 from backend.diagnose.standards import STRICT, SURE, WIDE, form
+from backend.diagnose.step_error import ORDERLY, apart, orderly, step_error, step_errors
 from backend.diagnose.subject import SAME, Subject, prepare
+from backend.diagnose.switched import CHANCE
 from backend.diagnose.unknown import unknown_evidence
 from backend.diagnose.verdict import fitted_share, make_report
 from backend.diagnose.where import MissingForce, locations, place_evidence, shares
-from backend.diagnose.which import CHANCE, LEADERS, ORDERLY, PARTNERS, REFITS, Search, orderly
+from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Search
 from backend.fit.fit_study import default_step
 from backend.fit.guess import told
 from backend.mechanism.apart import set_apart
@@ -123,11 +126,11 @@ class _Inquiry:
         """All steps."""
         self.tell("fitting the drawing as it is")
         baseline = self.search.baseline()
-        while self.refinements and (error := self.search.step_error(baseline)) > STEP_ERROR:
+        while self.refinements and (error := step_error(self.subject, baseline)) > STEP_ERROR:
             self.refinements -= 1
             coarse = self.subject, self.search, baseline
             baseline = self.begin_again("with half the step", 0.5)
-            if self.search.step_error(baseline) > 0.5 * error:  # it is not the step's
+            if step_error(self.subject, baseline) > 0.5 * error:  # it is not the step's
                 (self.subject, self.search, baseline), self.refinements = coarse, 0
         while True:
             loudness = np.linalg.norm(library_slopes(baseline.fitted), axis=0)
@@ -165,8 +168,8 @@ class _Inquiry:
         rows = leader.fitted.r.size
         if leader.fitted.fraction == 1.0 and leader.fitted.chi2 < rows + CHANCE * np.sqrt(2.0 * rows):
             return singles
-        closer = self.search.closer(leader)
-        found = {c.names: c for c in (closer, *self.search.coming_up(leader, closer, singles))}
+        better = closer(self.search, leader)
+        found = {c.names: c for c in (better, *coming_up(self.search, leader, better, singles))}
         return [found.get(c.names, c) for c in singles]
 
     def begin_again(self, how: str, step: float, errors: Sequence[np.ndarray] = ()) -> Cause:
@@ -189,14 +192,14 @@ class _Inquiry:
             return None
         if baseline.fitted.fraction == 1.0 and leader.fitted.chi2 > (1.0 - MOST_OF_IT) * baseline.fitted.chi2:
             return None
-        errors = self.search.step_errors(leader.fitted)
+        errors = step_errors(self.subject, leader.fitted)
         once, twice = zip(*errors, strict=True)
         known = [
             0.0 * e if p.correction is None else p.correction for p, e in zip(self.subject.fit, once, strict=False)
         ]
-        if (off := self.search.apart(once, known)) < STEP_ERROR:
+        if (off := apart(self.subject, once, known)) < STEP_ERROR:
             return None
-        if self.search.apart(once, twice) > ORDERLY * off:
+        if apart(self.subject, once, twice) > ORDERLY * off:
             if not self.refinements or off < ROUGH:
                 return None
             self.refinements -= 1

@@ -16,38 +16,20 @@ from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
 from backend.diagnose.fitted import BEHIND, Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
-from backend.diagnose.library import LOAD, PLAYS
 from backend.diagnose.noise_learnt import remember, set_aside
-from backend.diagnose.probe import Probe
 from backend.diagnose.screen import EARLY, Screen, containing, screen, tuned
+from backend.diagnose.step_error import orderly, step_errors
 from backend.diagnose.subject import Choice, Subject
-from backend.diagnose.switch import promising
 from backend.diagnose.unseen import Left, Unseen, unseen
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
-SWITCHES = 3  # causes of a kind that switches on, refitted
-BRIEF = 4  # iterations of a first look
-GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
-TAKEN = 0.6  # of the misfit beyond noise of a part of the records, left by a cause that is worth the rest of them
-SPARE = 0.25  # noise variances that a part of the records may always leave
-CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
-RIVALS = 3  # of a set, whose walls are taken as they come, or whose shape is free, where its own are
-ORDERLY = 0.25  # of an error's square, by which twice the step may say otherwise where the error is of second order
-HARDLY = 0.01  # noise variances a sample: less than the law of blows and the step err by
 APART = 9.0  # squared sd below which two explanations do the same
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
 Wider = Mapping[str, Sequence[Candidate]]
-
-
-def orderly(errors: Sequence[Float[np.ndarray, "two samples"]]) -> list[Float[np.ndarray, " samples"]]:
-    """Errors of the step to put back: those of second order. Others, of friction that holds and lets go or of a
-    record's own grain, are not what the next motion has.
-    """
-    return [one if np.sum((one - two) ** 2) < ORDERLY * np.sum(one**2) else 0.0 * one for one, two in errors]
 
 
 @dataclass
@@ -88,7 +70,7 @@ class Search:
         made = self.follow(choice, self._ended(choice))
         self.followed = made.fraction
         if made.fraction == 1.0 and all(p.correction is None for p in self.subject.fit):
-            self.subject.put_back(orderly(self.step_errors(made)))
+            self.subject.put_back(orderly(step_errors(self.subject, made)))
             made = fit(self.subject, made.choice, start=made.x)
         self.raw = raw = forces(self.subject, made)
         self.known = responses(self.subject, made, raw)
@@ -98,40 +80,6 @@ class Search:
                 made = fit(self.subject, made.choice, start=made.x)
                 self.known = responses(self.subject, made, raw)
         return self.keep(made)
-
-    def step_errors(self, fitted: Fitted) -> list[Float[np.ndarray, "two samples"]]:
-        """What the error of the step adds to every experiment's samples about a motion, of those fitted and then of
-        those held out; and the same as twice the step tells it.
-        """
-        ties, neutral = fitted.choice.ties, self.subject.neutral
-
-        def one(probe: Probe) -> np.ndarray:
-            moved = probe.choose(ties, neutral)
-            runs = [i for i, p in enumerate(self.subject.fit) if p is probe]
-            return moved.step_error(fitted.values, fitted.own(runs[0]) if runs else moved.settle(fitted.values))
-
-        return self.subject.over(one, [*self.subject.fit, *self.subject.held_out])
-
-    def apart(self, errors: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
-        """How far errors of the step in the fitted experiments lie from others, in sums of squared sigmas."""
-        off = (one - other for one, other in zip(errors, others, strict=False))
-        white = (self.subject.noise.whitening(p.data, i) for i, p in enumerate(self.subject.fit))
-        return sum(float(np.sum(w(e) ** 2)) for w, e in zip(white, off, strict=False))
-
-    def step_error(self, drawn: Cause) -> float:
-        """How far off, in sums of squared sigmas, the error of the step that is put back may be: it is that of the
-        drawing's motion, from which the true one lies off by a share of the motion itself.
-        """
-        error, motion = 0.0, 0.0
-        for i, probe in enumerate(self.subject.fit):
-            white, data = self.subject.noise.whitening(probe.data, i), probe.data
-            if probe.correction is not None:
-                error += float(np.sum(white(probe.correction) ** 2))
-            way = data.value.copy()
-            for c in range(len(data.channels)):
-                way[data.channel == c] -= np.nanmean(way[data.channel == c])
-            motion += float(np.sum(white(np.nan_to_num(way)) ** 2))
-        return error * min(drawn.fitted.chi2 / max(motion, 1e-300), 1.0)
 
     def follow(self, choice: Choice, start: np.ndarray | None = None) -> Fitted:
         """Fit over as much of the records as the choice can follow."""
@@ -330,98 +278,6 @@ class Search:
                         made.append(self.keep(fitted))
         return made
 
-    def switching(
-        self,
-        baseline: Cause,
-        family: str,
-        motion: dict[str, np.ndarray],
-        rival: Cause,
-        beside: Cause | None = None,
-    ) -> list[Cause]:
-        """Candidates that are nothing while small: tried at some sizes, the best fitted over growing records.
-
-        rival: the best smooth set, which one of them must come near. beside: a cause that each of them joins.
-        """
-        names = () if beside is None else beside.names
-        others = [c for c in self.subject.library.candidates if c.name in names]
-        known = {} if beside is None else beside.values
-        found = []
-        for candidate in self.subject.library.candidates:
-            if candidate.family == family and not self.cancelled() and len(others) == len(names):
-                cost, values = promising(self.subject, candidate, motion, others, known)
-                if values:
-                    found.append((cost, known | values, candidate))
-        if family == LOAD:
-            found = [self._shortly(values, candidate, others) for _, values, candidate in found]
-        made = []
-        for _, values, candidate in sorted(found, key=lambda f: f[0])[:SWITCHES]:
-            self.tell(f"trying {' + '.join([candidate.name, *names])}")
-            fitted = self._grown(self.subject.choose(*others, candidate), values, baseline.fitted, rival.fitted)
-            if fitted is not None and np.isfinite(fitted.chi2):
-                made.append(self._settled(self.keep(fitted)))
-        return sorted(made, key=lambda c: -c.log_z)
-
-    def _settled(self, cause: Cause) -> Cause:
-        """The same play with pins that lay anywhere in their holes before the release, where the frames before it ask
-        for that and it is the likelier.
-        """
-        fitted = cause.fitted
-        if not fitted.choice.loose or not fitted.unsettled:
-            return cause
-        sizes = dict(zip((p.name for p in fitted.choice.parameters), fitted.values.tolist(), strict=True))
-        members = [c.settling(sizes[c.parameters[0].name]) if c.kind in PLAYS else c for c in cause.candidates]
-        self.tell(f"trying {' + '.join(cause.names)} with pins that lay aside before the release")
-        made = fit(self.subject, self.subject.choose(*members), start=fitted.x)
-        return self.keep_likelier(made) if np.isfinite(made.chi2) else cause
-
-    def _shortly(
-        self, values: dict[str, float], candidate: Candidate, others: Sequence[Candidate]
-    ) -> tuple[float, dict[str, float], Candidate]:
-        """What a few iterations over the first of the records leave, and where they lead: sizes that were tried say
-        little of friction, whose way is smooth.
-        """
-        choice = self.subject.choose(*others, candidate)
-        begin = start_of(self.subject, choice, values)
-        made = fit(self.subject, choice, start=begin, fractions=GROWING[:1], max_iterations=BRIEF)
-        if not np.isfinite(made.chi2):
-            return np.inf, values, candidate
-        return made.chi2, dict(zip((p.name for p in choice.parameters), made.values.tolist(), strict=True)), candidate
-
-    def closer(self, cause: Cause) -> Cause:
-        """A cause with what nobody states of one of its members free as well, where that makes it likelier."""
-        ways = [
-            tuple(way if c is member else c for c in cause.candidates)
-            for member in cause.candidates for way in member.closer
-        ]  # fmt: skip
-        if not ways or self.cancelled():
-            return cause
-        self.tell(f"trying {' + '.join(cause.names)} with what nobody states of it")
-        first = [
-            fit(self.subject, c, start=begun_from(cause.fitted, c), fractions=GROWING[:1], max_iterations=BRIEF)
-            for c in (self.subject.choose(*way) for way in ways)
-        ]
-        first = [f for f in first if np.isfinite(f.chi2)]
-        if not first:
-            return cause
-        begun = min(first, key=lambda f: f.chi2)
-        made = fit(self.subject, begun.choice, start=begun.x, fractions=GROWING[1:])
-        hardly = cause.fitted.chi2 - made.chi2 < HARDLY * made.r.size
-        found = Cause(made, log_evidence(made), cause.fitted if hardly else None)
-        if not found.log_z > cause.log_z:
-            return cause
-        self.tried[found.names] = found
-        return found
-
-    def coming_up(self, leader: Cause, closer: Cause, causes: Sequence[Cause]) -> list[Cause]:
-        """Of causes, the nearest of a leader's kinds that could come up with it as it is closer, closer as well."""
-        reach, kinds = leader.log_z - (closer.log_z - leader.log_z), sorted(c.kind for c in leader.candidates)
-        near = [
-            c for c in causes
-            if c.names != leader.names and c.fitted.fraction == leader.fitted.fraction and c.log_z > reach
-            and sorted(k.kind for k in c.candidates) == kinds
-        ]  # fmt: skip
-        return [self.closer(c) for c in sorted(near, key=lambda c: -c.log_z)[:RIVALS]]
-
     def begun_at(self, cause: Cause, members: Sequence[Candidate], values: Mapping[str, float]) -> Cause | None:
         """Another set, fitted from where a cause ended and from these values, or what was tried under its names where
         that is the likelier; None where the motion is lost.
@@ -432,21 +288,6 @@ class Search:
         if not np.isfinite(fitted.chi2):
             return None
         return self.keep_likelier(fitted)
-
-    def _grown(self, choice: Choice, values: dict[str, float], drawn: Fitted, rival: Fitted) -> Fitted | None:
-        """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one, or
-        far more than its rival does.
-        """
-        x = start_of(self.subject, choice, values)
-        for share in GROWING:
-            made = fit(self.subject, choice, start=x, fractions=(share,))
-            x, left = made.x, made.chi2 / made.r.size - 1.0
-            if share < 1.0:
-                worth = TAKEN * (mean_square(drawn, share) - 1.0)
-                near = max(SPARE, BEHIND * (mean_square(rival, share) - 1.0))
-                if not left < max(CHANCE * np.sqrt(2.0 / made.r.size), min(worth, near)):
-                    return None
-        return made
 
     def screen(self, cause: Cause) -> Screen:
         """First-order gains about a cause."""

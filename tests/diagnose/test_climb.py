@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from backend.diagnose import climb as module
+from backend.diagnose import closer as nearest
 from backend.diagnose.climb import Climb
 from backend.diagnose.which import Search
 
@@ -101,13 +102,15 @@ def test_all_pins_that_came_near_are_fitted_with_blows_as_they_come(monkeypatch)
     with_blows = {"joint_stop:j1": 20.0, "joint_stop:j2": 30.0, "joint_stop:j3": 90.0}
     tried = {cause.names: cause for cause in drawn}
 
-    def closer(cause):
+    def closer(search, cause):
         found = stop_at(cause.names[0].partition(":")[2], with_blows[cause.names[0]])
         tried[found.names] = found
         return found
 
     search: Any = object.__new__(Search)
-    search.tried, search.closer = tried, closer
+    search.tried = tried
+    monkeypatch.setattr(module, "closer", closer)
+    monkeypatch.setattr(nearest, "closer", closer)
     climb.search = SimpleNamespace(tried={})
     monkeypatch.setattr(climb, "_weight", lambda cause: cause.log_z)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
@@ -118,6 +121,31 @@ def test_all_pins_that_came_near_are_fitted_with_blows_as_they_come(monkeypatch)
     best, judged = climb._closer(drawn[0], "before", search)
     assert (best.names, best.log_z, judged) == (("joint_stop:j2",), 30.0, "judged")
     assert set(climb.search.tried) == {("joint_stop:j1",), ("joint_stop:j2",)}  # the third was too far behind
+
+
+@pytest.mark.parametrize(("alone", "named"), [(40.0, ("joint_stop:j1",)), (10.0, ("joint_stop:j1", "mass:arm"))])
+def test_walls_as_they_come_may_need_nothing_beside_them(monkeypatch, alone, named):
+    """Beside walls that keep nothing of a blow a mass was needed, which took the place of what they give back."""
+    climb: Any = object.__new__(Climb)
+
+    def pair(log_z: float) -> Any:
+        members = (SimpleNamespace(family="joint_stop"), SimpleNamespace(family=module.SMOOTH))
+        return SimpleNamespace(names=("joint_stop:j1", "mass:arm"), candidates=members, log_z=log_z)
+
+    hard, soft, given_up = pair(0.0), pair(30.0), []
+    search: Any = SimpleNamespace(tried={hard.names: hard})
+    search.without = lambda cause, member: given_up.append(member.family) or stop_at("j1", alone)
+    climb.search = SimpleNamespace(tried={})
+    for name in ("_weight", "_by_fit"):
+        monkeypatch.setattr(climb, name, lambda cause: cause.log_z, raising=False)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    monkeypatch.setattr(climb, "enough", lambda judged: False)
+    monkeypatch.setattr(module, "closer", lambda search, cause: soft)
+    monkeypatch.setattr(module, "coming_up", lambda search, leader, better, others: [])
+    monkeypatch.setattr(module, "stopping_alike", lambda search, cause: [])
+    best, _ = climb._closer(hard, "before", search)
+    assert best.names == named
+    assert given_up == [module.SMOOTH]
 
 
 def test_what_switches_on_is_tried_beside_the_likeliest_and_beside_each_member_of_the_best_pair():
@@ -171,10 +199,8 @@ def test_play_is_asked_of_a_faint_gap_that_something_smooth_explains(monkeypatch
     climb.baseline = SimpleNamespace(fitted=SimpleNamespace(chi2=1000.0))
     found: list[str] = []
     play = SimpleNamespace(names=("clearance:j1",))
-    search = SimpleNamespace(
-        subject=None, switching=lambda baseline, family, motion, best: [play], tried={}, followed=1.0
-    )
-    climb.search = search
+    search = climb.search = SimpleNamespace(subject=None, tried={}, followed=1.0)
+    monkeypatch.setattr(module, "switching", lambda search, baseline, family, motion, best: [play])
     monkeypatch.setattr(climb, "_cancelled", lambda: False)
     monkeypatch.setattr(climb, "_search_of", lambda family: found.append(family) or search)
     monkeypatch.setattr(climb, "_likelier", lambda cause, best: True)
@@ -197,11 +223,12 @@ def test_dry_friction_is_tried_as_one_that_grows_with_load_too(monkeypatch, othe
     climb.without, climb.searches, climb.search, climb.baseline = frozenset(), {}, SimpleNamespace(tried={}), None
     loaded, poor, tried = made(*other, "pin_friction"), made("poor"), []
 
-    def switching(baseline, family, motion, rival, beside):
+    def switching(search, baseline, family, motion, rival, beside):
         tried.append((family, beside and beside.names[0]))
         return [loaded, poor]
 
-    search = SimpleNamespace(subject=object(), switching=switching)
+    search = SimpleNamespace(subject=object())
+    monkeypatch.setattr(module, "switching", switching)
     monkeypatch.setattr(climb, "_search_of", lambda family: search)
     monkeypatch.setattr(climb, "_single", lambda best, member: SimpleNamespace(names=(member.name,)))
     monkeypatch.setattr(climb, "_cancelled", lambda: False, raising=False)

@@ -21,12 +21,13 @@ class Enough(Exception):
 
 def test_a_step_is_halved_until_its_error_cannot_be_taken_for_a_cause(drawing, monkeypatch):
     from backend.diagnose import run
+    from backend.diagnose.step_error import step_error
     from backend.diagnose.which import Search
 
     looked_at = []
 
     def screen(self, cause):
-        looked_at.append((self.subject.step_s, self.step_error(cause)))
+        looked_at.append((self.subject.step_s, step_error(self.subject, cause)))
         raise Enough
 
     monkeypatch.setattr(Search, "screen", screen)
@@ -43,7 +44,7 @@ def test_a_step_is_halved_until_its_error_cannot_be_taken_for_a_cause(drawing, m
 
 
 def test_an_error_of_another_order_is_not_put_back():
-    from backend.diagnose.which import orderly
+    from backend.diagnose.step_error import orderly
 
     smooth, grain = np.array([1e-4, -2e-4, 3e-4]), np.array([2e-4, 1e-4, -1e-4])
     once, twice = orderly([np.stack([smooth, 1.1 * smooth]), np.stack([smooth, 0.3 * smooth + grain])])
@@ -55,6 +56,7 @@ def test_an_error_of_another_order_is_not_put_back():
 def test_the_step_errs_about_the_cause_where_that_is_another_error(drawing, monkeypatch, much):
     """A bar that is braked: as drawn it swings on."""
     from backend.diagnose import run
+    from backend.diagnose.step_error import apart, orderly, step_errors
     from backend.diagnose.which import Search
 
     monkeypatch.setattr(run, "STEP_ERROR", 0.0 if much else 1e9)
@@ -66,7 +68,8 @@ def test_the_step_errs_about_the_cause_where_that_is_another_error(drawing, monk
     (named,) = found.best.candidates
     assert named.name == "viscous_friction:j1"
     known = [p.correction for p in found.subject.fit if p.correction is not None]
-    about = [search.apart(run.orderly(search.step_errors(c.fitted)), known) for c in (found.best, found.baseline)]
+    errors = [orderly(step_errors(found.subject, c.fitted)) for c in (found.best, found.baseline)]
+    about = [apart(found.subject, one, known) for one in errors]
     assert (about[0] < 0.01 * about[1]) == much
     begun = search.begun.get("viscous_friction:j1")
     assert (begun is not None) == much  # where a fit with the other error ended

@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from backend.diagnose import closer as module
 from backend.diagnose import run, same_motion, which
+from backend.diagnose.closer import coming_up
 from backend.diagnose.same_motion import elsewhere, of_its_shape
 from backend.diagnose.which import Search
 
@@ -145,29 +147,31 @@ def of(joint: str) -> Any:
     return SimpleNamespace(on=(joint,), parameters=tuple(numbers), sizes=np.array([True, True, False]))
 
 
-def test_others_of_a_kind_are_as_free_in_their_shape_as_the_likeliest():
+def test_others_of_a_kind_are_as_free_in_their_shape_as_the_likeliest(monkeypatch):
     def rubs(joint: str, log_z: float, kind: str = "coulomb", fraction: float = 1.0) -> Any:
         fitted = SimpleNamespace(fraction=fraction)
         return SimpleNamespace(names=(f"{kind}:{joint}",), log_z=log_z, fitted=fitted, candidates=(form(kind, joint),))
 
     search: Any = Looking({})
     asked: list[str] = []
-    search.closer = lambda cause: asked.append(cause.names[0]) or cause
-    leader, closer = rubs("j1", 100.0), rubs("j1", 130.0)
+    monkeypatch.setattr(module, "closer", lambda search, cause: asked.append(cause.names[0]) or cause)
+    leader, better = rubs("j1", 100.0), rubs("j1", 130.0)
     others = [
         leader, rubs("j2", 71.0), rubs("j3", 69.0), rubs("j4", 99.0, "viscous"), rubs("j5", 99.0),
         rubs("j6", 99.0, fraction=0.5),
     ]  # fmt: skip
-    assert [c.names[0] for c in search.coming_up(leader, closer, others)] == asked == ["coulomb:j5", "coulomb:j2"]
-    assert search.coming_up(leader, leader, others) == []
+    assert [c.names[0] for c in coming_up(search, leader, better, others)] == asked == ["coulomb:j5", "coulomb:j2"]
+    assert coming_up(search, leader, leader, others) == []
 
 
-@pytest.mark.parametrize(("left", "closer"), [(1.02, False), (1.5, True)])
-def test_a_shape_is_freed_where_something_is_left_for_it(left, closer):
+@pytest.mark.parametrize(("left", "freed"), [(1.02, False), (1.5, True)])
+def test_a_shape_is_freed_where_something_is_left_for_it(monkeypatch, left, freed):
     inquiry: Any = object.__new__(run._Inquiry)
     fitted = SimpleNamespace(fraction=1.0, chi2=left * 5000, r=np.zeros(5000))
     leader, better = (SimpleNamespace(names=("rub:j1",), log_z=z, fitted=fitted) for z in (5.0, 9.0))
     other = SimpleNamespace(names=("rub:j2",), log_z=4.0, fitted=fitted)
-    inquiry.search = SimpleNamespace(closer=lambda cause: better, coming_up=lambda leader, closer, causes: [])
-    assert inquiry.shaped([other, leader]) == [other, better if closer else leader]
+    inquiry.search = None
+    monkeypatch.setattr(run, "closer", lambda search, cause: better)
+    monkeypatch.setattr(run, "coming_up", lambda search, leader, better, causes: [])
+    assert inquiry.shaped([other, leader]) == [other, better if freed else leader]
     assert inquiry.shaped([]) == []

@@ -1,0 +1,52 @@
+"""A cause with what nobody states of it free as well: how walls give, give back and rub, or the shape of a friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from backend.diagnose.cause import Cause, begun_from
+from backend.diagnose.fitted import fit, log_evidence
+from backend.diagnose.switched import BRIEF, GROWING
+from backend.diagnose.which import Search
+
+RIVALS = 3  # of a set, whose walls are taken as they come, or whose shape is free, where its own are
+HARDLY = 0.01  # noise variances a sample: less than the law of blows and the step err by
+
+
+def closer(search: Search, cause: Cause) -> Cause:
+    """A cause with what nobody states of one of its members free as well, where that makes it likelier."""
+    ways = [
+        tuple(way if c is member else c for c in cause.candidates)
+        for member in cause.candidates for way in member.closer
+    ]  # fmt: skip
+    if not ways or search.cancelled():
+        return cause
+    search.tell(f"trying {' + '.join(cause.names)} with what nobody states of it")
+    first = [
+        fit(search.subject, c, start=begun_from(cause.fitted, c), fractions=GROWING[:1], max_iterations=BRIEF)
+        for c in (search.subject.choose(*way) for way in ways)
+    ]
+    first = [f for f in first if np.isfinite(f.chi2)]
+    if not first:
+        return cause
+    begun = min(first, key=lambda f: f.chi2)
+    made = fit(search.subject, begun.choice, start=begun.x, fractions=GROWING[1:])
+    hardly = cause.fitted.chi2 - made.chi2 < HARDLY * made.r.size
+    found = Cause(made, log_evidence(made), cause.fitted if hardly else None)
+    if not found.log_z > cause.log_z:
+        return cause
+    search.tried[found.names] = found
+    return found
+
+
+def coming_up(search: Search, leader: Cause, better: Cause, causes: Sequence[Cause]) -> list[Cause]:
+    """Of causes, the nearest of a leader's kinds that could come up with it as it is closer, closer as well."""
+    reach, kinds = leader.log_z - (better.log_z - leader.log_z), sorted(c.kind for c in leader.candidates)
+    near = [
+        c for c in causes
+        if c.names != leader.names and c.fitted.fraction == leader.fitted.fraction and c.log_z > reach
+        and sorted(k.kind for k in c.candidates) == kinds
+    ]  # fmt: skip
+    return [closer(search, c) for c in sorted(near, key=lambda c: -c.log_z)[:RIVALS]]

@@ -1,0 +1,98 @@
+"""What switches on: tried at some sizes, the best of them fitted over growing shares of the records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from backend.diagnose.candidate import Candidate
+from backend.diagnose.cause import Cause
+from backend.diagnose.fitted import BEHIND, Fitted, fit, mean_square, start_of
+from backend.diagnose.library import LOAD, PLAYS
+from backend.diagnose.subject import Choice
+from backend.diagnose.switch import promising
+from backend.diagnose.which import Search
+
+SWITCHES = 3  # causes of a kind that switches on, refitted
+BRIEF = 4  # iterations of a first look
+GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
+TAKEN = 0.6  # of the misfit beyond noise of a part of the records, left by a cause that is worth the rest of them
+SPARE = 0.25  # noise variances that a part of the records may always leave
+CHANCE = 3.0  # sd by which noise alone may exceed its mean square
+
+
+def switching(
+    search: Search,
+    baseline: Cause,
+    family: str,
+    motion: dict[str, np.ndarray],
+    rival: Cause,
+    beside: Cause | None = None,
+) -> list[Cause]:
+    """Candidates that are nothing while small: tried at some sizes, the best fitted over growing records.
+
+    rival: the best smooth set, which one of them must come near. beside: a cause that each of them joins.
+    """
+    names = () if beside is None else beside.names
+    others = [c for c in search.subject.library.candidates if c.name in names]
+    known = {} if beside is None else beside.values
+    found = []
+    for candidate in search.subject.library.candidates:
+        if candidate.family == family and not search.cancelled() and len(others) == len(names):
+            cost, values = promising(search.subject, candidate, motion, others, known)
+            if values:
+                found.append((cost, known | values, candidate))
+    if family == LOAD:
+        found = [_shortly(search, values, candidate, others) for _, values, candidate in found]
+    made = []
+    for _, values, candidate in sorted(found, key=lambda f: f[0])[:SWITCHES]:
+        search.tell(f"trying {' + '.join([candidate.name, *names])}")
+        fitted = _grown(search, search.subject.choose(*others, candidate), values, baseline.fitted, rival.fitted)
+        if fitted is not None and np.isfinite(fitted.chi2):
+            made.append(_settled(search, search.keep(fitted)))
+    return sorted(made, key=lambda c: -c.log_z)
+
+
+def _settled(search: Search, cause: Cause) -> Cause:
+    """The same play with pins that lay anywhere in their holes before the release, where the frames before it ask
+    for that and it is the likelier.
+    """
+    fitted = cause.fitted
+    if not fitted.choice.loose or not fitted.unsettled:
+        return cause
+    sizes = dict(zip((p.name for p in fitted.choice.parameters), fitted.values.tolist(), strict=True))
+    members = [c.settling(sizes[c.parameters[0].name]) if c.kind in PLAYS else c for c in cause.candidates]
+    search.tell(f"trying {' + '.join(cause.names)} with pins that lay aside before the release")
+    made = fit(search.subject, search.subject.choose(*members), start=fitted.x)
+    return search.keep_likelier(made) if np.isfinite(made.chi2) else cause
+
+
+def _shortly(
+    search: Search, values: dict[str, float], candidate: Candidate, others: Sequence[Candidate]
+) -> tuple[float, dict[str, float], Candidate]:
+    """What a few iterations over the first of the records leave, and where they lead: sizes that were tried say
+    little of friction, whose way is smooth.
+    """
+    choice = search.subject.choose(*others, candidate)
+    begin = start_of(search.subject, choice, values)
+    made = fit(search.subject, choice, start=begin, fractions=GROWING[:1], max_iterations=BRIEF)
+    if not np.isfinite(made.chi2):
+        return np.inf, values, candidate
+    return made.chi2, dict(zip((p.name for p in choice.parameters), made.values.tolist(), strict=True)), candidate
+
+
+def _grown(search: Search, choice: Choice, values: dict[str, float], drawn: Fitted, rival: Fitted) -> Fitted | None:
+    """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one, or
+    far more than its rival does.
+    """
+    x = start_of(search.subject, choice, values)
+    for share in GROWING:
+        made = fit(search.subject, choice, start=x, fractions=(share,))
+        x, left = made.x, made.chi2 / made.r.size - 1.0
+        if share < 1.0:
+            worth = TAKEN * (mean_square(drawn, share) - 1.0)
+            near = max(SPARE, BEHIND * (mean_square(rival, share) - 1.0))
+            if not left < max(CHANCE * np.sqrt(2.0 / made.r.size), min(worth, near)):
+                return None
+    return made
