@@ -115,11 +115,12 @@ def _in_common(
 
 def _own(cause: Cause) -> float:
     """Chance that a set that fits is not one thing imitated: members and an outsized one are doubted for one reason."""
-    members, choice = cause.candidates, cause.fitted.choice
-    shared = [any(a.reach & b.reach for b in members[:i]) for i, a in enumerate(members)]
+    choice = cause.fitted.choice
     off = (cause.fitted.values - choice.start)[: choice.own] / choice.prior_sd[: choice.own]
     outsized = np.any(np.abs(off)[choice.sizes] > FAR)
-    return min(float(np.prod([1.0 - IMITATED[together] for together in shared[1:]])), 1.0 - OUTSIZED * float(outsized))
+    return min(
+        float(np.prod([1.0 - IMITATED[together] for together in cause.shares_a_part])), 1.0 - OUTSIZED * float(outsized)
+    )
 
 
 def log_prior(size: int, library: int) -> float:

@@ -39,6 +39,12 @@ class Cause:
         return tuple(sorted(c.name for c in self.candidates))
 
     @property
+    def shares_a_part(self) -> list[bool]:
+        """Of each member after the first, whether it acts on the same part as one before it."""
+        members = self.candidates
+        return [any(a.reach & b.reach for b in members[:i]) for i, a in enumerate(members)][1:]
+
+    @property
     def values(self) -> dict[str, float]:
         """Of all that is free, by name."""
         return dict(zip((p.name for p in self.fitted.choice.parameters), self.fitted.values.tolist(), strict=True))

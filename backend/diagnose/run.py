@@ -247,7 +247,7 @@ class _Inquiry:
         else:
             removed = 1.0 - last.power / max(gap_power(baseline.fitted, best.fitted, at_base.power), 1e-12)
         complete = best.fitted.fraction == 1.0
-        fits = fits and len(best.candidates) <= SURE and not (climb.large or climb.names_a_remainder(best))
+        fits = fits and len(best.candidates) <= SURE and not (climb.large or climb.names_a_remainder(best, enough))
         nearly = removed >= (OF_MANY if self.of_many(baseline, best) else MOST_OF_IT) and complete
         verdict = "identified" if fits and complete else "approximate" if nearly else "unknown"
         if verdict == "unknown" and p > CLEAR and baseline.fitted.fraction == best.fitted.fraction == 1.0:

@@ -69,10 +69,13 @@ class AbstractStandards:
         base = min(self.at_base.power, WIDE)
         return self.search.followed == 1.0 and judged.power < form(cause) ** 2 * base
 
-    def names_a_remainder(self, best: Cause) -> bool:
+    def names_a_remainder(self, best: Cause, enough: bool) -> bool:
         """Whether one of its members alone leaves no more than its form may: the other then names a remainder, as it
-        does where the pair imitates something that the library lacks.
+        does where the pair imitates something that the library lacks. Not where both together are enough and act on
+        different parts: a law of slightly wrong form is seldom put right to within noise from elsewhere.
         """
+        if enough and not any(best.shares_a_part):
+            return False
         alone = [self.search.tried.get((c.name,)) for c in best.candidates]
         if len(alone) < 2 or self.search.followed < 1.0:
             return False

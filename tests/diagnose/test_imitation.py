@@ -9,6 +9,7 @@ import pytest
 from backend.diagnose.belief import FAR, IMITATED, OUTSIZED, weigh
 from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import Fitted
+from backend.diagnose.standards import AbstractStandards as Standards
 
 ROWS = 300
 
@@ -49,6 +50,21 @@ def test_what_is_not_the_sets_own_is_unknown(reach, own):
     belief = weigh(None, [cause(*reach)], 50, scale=1.0)
     assert belief.probability[0] == pytest.approx(own)
     assert belief.unknown == pytest.approx(1.0 - own)
+
+
+@pytest.mark.parametrize(
+    ("places", "enough", "remainder"),
+    [(("joint:a", "camera"), True, False), (("joint:a", "camera"), False, True), (("camera", "camera"), True, True)],
+)
+def test_what_comes_after_nearly_all_is_a_remainder_unless_both_are_enough_from_different_parts(
+    places, enough, remainder
+):
+    standards: Any = object.__new__(Standards)
+    best, fitted = cause(*places), SimpleNamespace(chi2=1e6, fraction=1.0)
+    alone = SimpleNamespace(chi2=best.fitted.chi2 + 100.0, fraction=1.0, pressed=[])
+    standards.baseline = SimpleNamespace(fitted=fitted)
+    standards.search = SimpleNamespace(tried={(best.names[0],): SimpleNamespace(fitted=alone)}, followed=1.0)
+    assert standards.names_a_remainder(best, enough) == remainder
 
 
 @pytest.mark.parametrize("odds", [30.0, 35.0, 40.0])
