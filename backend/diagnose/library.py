@@ -19,6 +19,7 @@ from backend.diagnose.candidate import Candidate
 from backend.effects.catalogue import catalogue
 from backend.effects.effect import AbstractEffect
 from backend.effects.shapes import (
+    AbstractDrawnError,
     AbstractDryFriction,
     AbstractJointClearance,
     AbstractJointStop,
@@ -26,8 +27,11 @@ from backend.effects.shapes import (
     AbstractSection,
 )
 from backend.fit.free import Freedom, FreeParameter, free_parameters
+from backend.mechanism.constraints import drawn as drawn_placement
+from backend.mechanism.constraints import size_m
 from backend.mechanism.effect import Effect
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.mobility import binding_joints
 from backend.mechanism.study import Tolerance
 from backend.model.build import build
 from backend.model.model import ParameterRow
@@ -253,12 +257,14 @@ def _candidates(
     late: Mapping[int, float],
 ) -> Iterator[Candidate]:
     still = {body.id for body in mechanism.bodies if body.fixed}
+    binding = binding_joints(mechanism, drawn_placement(mechanism), size_m(mechanism))
     for kind in kinds:
         family = family_of(catalogue()[kind])
+        binds = binding if _redraws_a_joint(catalogue()[kind]) else frozenset()
         own_late = {i: start for i, start in late.items() if parameters[i].kind == kind}
         at: dict[tuple[str, ...], list[int]] = {}
         for i, p in enumerate(parameters):
-            if p.kind == kind and p.prior_sd is not None and i not in late:
+            if p.kind == kind and p.prior_sd is not None and i not in late and not binds & set(p.on):
                 at.setdefault(p.on, []).append(i)
         for on, rows in at.items():
             far = [i for i in rows if _out_of_reach(drawn[i], parameters[i].prior_sd)]
@@ -300,6 +306,11 @@ def _candidates(
                 shape |= {take: own_late[take[0]]} if take else {}
             made = replace(made, label=label)
             yield replace(made, closer=_shaped(made, parameters, shape))
+
+
+def _redraws_a_joint(effect: type[AbstractEffect]) -> bool:
+    """Whether it says that a joint is not as drawn, which rigid parts of a loop may not be able to follow."""
+    return issubclass(effect, AbstractDrawnError) and effect.acts_on == "joint"
 
 
 def _together(on: Sequence[str], others: Sequence[str]) -> str:

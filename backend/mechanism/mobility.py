@@ -12,6 +12,7 @@ from backend.mechanism.mechanism import Mechanism
 
 FALLBACK = 1e-7  # relative threshold of a spectrum without a clear gap
 CLEAR_GAP = 1e3  # a ratio of neighbouring singular values that geometry does not produce by itself
+STRESSED = 1e-6  # of a unit stress that no freedom of the mechanism feels: more of it is no rounding
 PARALLEL = 1e-6  # sine of the angle up to which axes count as parallel: a drawing rounded to 1e-7 passes
 
 
@@ -88,6 +89,20 @@ def redundant_by_joint(
         if new < rows(joint):
             found[joint.id] = rows(joint) - new
     return found
+
+
+def binding_joints(mechanism: Mechanism, placement: Placement, length: float) -> frozenset[str]:
+    """Joints some of whose rows repeat what others impose. Rigid parts bind where one of them is not as drawn: any axis
+    of a planar loop that leans.
+    """
+    joints = list(mechanism.joints)
+    rank = rank_at(mechanism, joints, placement, length)
+    if not rank.redundant:
+        return frozenset()
+    stresses = np.linalg.svd(jacobian(mechanism, joints, placement, length))[0][:, rank.rank :]
+    ends = np.cumsum([rows(joint) for joint in joints])
+    blocks = np.split(stresses, ends[:-1])
+    return frozenset(j.id for j, block in zip(joints, blocks, strict=True) if np.linalg.norm(block) > STRESSED)
 
 
 def count_in_space(mechanism: Mechanism, joints: list[Joint]) -> int:

@@ -10,7 +10,7 @@ from backend.diagnose.library import LOAD, SMOOTH, alike, families, heard, libra
 from backend.diagnose.switch import SHARES, openings
 from backend.effects.catalogue import catalogue
 from backend.mechanism.study import Tolerance
-from tests.mechanisms import effect, fourbar
+from tests.mechanisms import bennett, double_pendulum, effect, fourbar, scissor
 
 EXPECTED = [k for k, e in catalogue().items() if any(d.expected is not None for d in e.declarations().values())]
 
@@ -38,6 +38,15 @@ def test_bars_are_not_all_off_balance_to_the_same_side():
     assert "mass_error:all" in found
     assert "center_of_mass_error:all" not in found
     assert {f"center_of_mass_error:{b}" for b in ("crank", "coupler", "rocker")} <= found
+
+
+def test_an_axis_leans_where_rigid_parts_can_follow():
+    def leans(drawn):
+        return {c.on for c in library(drawn, SMOOTH).candidates if c.kind == "joint_axis_error" and len(c.on) == 1}
+
+    assert leans(double_pendulum()) == {(j.id,) for j in double_pendulum().joints}
+    assert leans(fourbar()) == leans(bennett()) == set()
+    assert leans(scissor(2)) == {("root",)}  # in no loop
 
 
 def test_causes_that_change_the_structure_stand_apart():
