@@ -16,7 +16,9 @@ from backend.diagnose.which import Search
 from backend.effects.catalogue import catalogue
 from backend.effects.shapes import AbstractJointStop
 
-NEIGHBOURS = 12  # of a motion's places, by which one joint's travel is read from another's
+NEIGHBOURS = 12  # of a motion's places, at least, by which one joint's travel is read from another's
+NEAR = 0.05  # of what a joint passes: so far about the blow they are read
+STIFFNESS = ("N m/rad", "N/m")
 ONE_CURVE = 0.01  # of what a joint passes: how far its places may lie from one curve, or beyond an end of travel
 
 
@@ -31,23 +33,27 @@ def stands(cause: Cause, end: Candidate) -> float:
     return cause.values[end.parameters[0].name]
 
 
-def same_end(joint: str, at: float, other: str, upper: bool, motion: Mapping[str, np.ndarray]) -> float | None:
-    """Where another joint has to end for the motion to stop as it does where the first one ends `at`; None where that
-    joint does not say where the first one is, or was beyond.
+def same_end(
+    joint: str, at: float, own_upper: bool, other: str, upper: bool, motion: Mapping[str, np.ndarray]
+) -> tuple[float, float] | None:
+    """Where another joint has to end for the motion to stop as it does where the first one ends `at`, and how fast it
+    moves there for each unit of the first one; None where that joint does not say where the first one is, or was
+    beyond while that was not.
 
-    upper: whether it would be the upper end. motion: q of each joint (experiments, times) with the stop.
+    own_upper, upper: whether they are upper ends. motion: q of each joint (experiments, times) with the stop.
     """
     q, p = motion[joint].ravel(), motion[other].ravel()
     known = np.isfinite(q) & np.isfinite(p)
     q, p = q[known] - at, p[known]
     if q.size < NEIGHBOURS:
         return None
-    near = np.argsort(np.abs(q))[:NEIGHBOURS]
+    near = np.abs(q) <= max(np.sort(np.abs(q))[NEIGHBOURS - 1], NEAR * np.ptp(q))
     powers = (q[near, None] / max(np.ptp(q), 1e-12)) ** np.arange(3)
     curve = np.linalg.lstsq(powers, p[near])[0]
     loose, end = ONE_CURVE * np.ptp(p), float(curve[0])
-    off, beyond = np.abs(p[near] - powers @ curve).max(), ((p - end) if upper else (end - p)).max()
-    return end if off < loose and beyond < loose else None
+    free = p[q <= 0.0 if own_upper else q >= 0.0]  # a soft end lets it farther, and both with it
+    off, beyond = np.abs(p[near] - powers @ curve).max(), ((free - end) if upper else (end - free)).max(initial=0.0)
+    return (end, float(curve[1]) / max(np.ptp(q), 1e-12)) if off < loose and beyond < loose else None
 
 
 def stopping_alike(search: Search, cause: Cause) -> list[Cause]:
@@ -57,17 +63,23 @@ def stopping_alike(search: Search, cause: Cause) -> list[Cause]:
     member = end_of(cause)
     if member is None or member.on[0] not in search.subject.joints:
         return []
-    answers = {p.parameter: cause.values[p.name] for p in member.parameters[1:]}  # of its wall, if those are free
+    answers = member.parameters[1:]  # of its wall, if those are free
     motion, made = passed(cause.fitted), []
     for other in search.subject.library.candidates:
         if other.kind != member.kind or other.name == member.name or search.cancelled() or other.on[0] not in motion:
             continue
         upper = is_upper(other)
-        if (end := same_end(member.on[0], stands(cause, member), other.on[0], upper, motion)) is None:
+        met = same_end(member.on[0], stands(cause, member), is_upper(member), other.on[0], upper, motion)
+        if met is None:
             continue
+        end, rate = met
         way = next(iter(other.closer), other) if answers else other
-        begin = {p.name: answers[p.parameter] for p in way.parameters if p.parameter in answers}
-        begin[other.parameters[0].name] = end
+        begin = {other.parameters[0].name: end}
+        for p, own in ((p, own) for p in way.parameters[1:] for own in answers):
+            if p.unit in STIFFNESS and own.unit in STIFFNESS:  # one energy, however the joint is geared
+                begin[p.name] = cause.values[own.name] / max(rate * rate, 1e-12)
+            elif p.parameter == own.parameter:
+                begin[p.name] = cause.values[own.name]
         found = search.begun_at(cause, [way if c is member else c for c in cause.candidates], begin)
         made += [] if found is None else [found]
     return made
@@ -93,6 +105,6 @@ def _stops_alike(lead: Cause, other: Cause, motion: Mapping[str, np.ndarray]) ->
         return False
     if {*lead.names} - {mine.name} != {*other.names} - {its.name}:
         return False
-    end = same_end(mine.on[0], stands(lead, mine), its.on[0], is_upper(its), motion)
+    met = same_end(mine.on[0], stands(lead, mine), is_upper(mine), its.on[0], is_upper(its), motion)
     q = motion[its.on[0]]
-    return end is not None and bool(abs(end - stands(other, its)) < ONE_CURVE * (np.nanmax(q) - np.nanmin(q)))
+    return met is not None and bool(abs(met[0] - stands(other, its)) < ONE_CURVE * (np.nanmax(q) - np.nanmin(q)))

@@ -14,6 +14,9 @@ from tests.diagnose.test_imitation import cause
 
 CRANK, ROD = 0.06, 0.2  # m, of a slider-crank
 AT = -1.17
+RATE = (
+    -CRANK / ROD * np.cos(AT) / np.sqrt(1.0 - (CRANK / ROD * np.sin(AT)) ** 2) - 1.0
+)  # of the rod, a unit of the crank
 
 
 @pytest.fixture(scope="module")
@@ -28,11 +31,23 @@ def motion():
 
 @pytest.mark.parametrize("upper", [True, False])
 def test_another_pin_of_the_loop_ends_where_it_stands_at_the_blow(motion, upper):
-    end = same_end("crank", AT, "rod", upper, motion)
+    met = same_end("crank", AT, False, "rod", upper, motion)
     if upper:
-        assert end == pytest.approx(-np.arcsin(CRANK / ROD * np.sin(AT)) - AT, abs=1e-3)
+        assert met is not None
+        assert met[0] == pytest.approx(-np.arcsin(CRANK / ROD * np.sin(AT)) - AT, abs=1e-3)
+        assert met[1] == pytest.approx(RATE, rel=0.02)
     else:
-        assert end is None  # it has been far below
+        assert met is None  # it has been far below
+
+
+def test_soft_ends_let_both_joints_farther(motion):
+    free = motion["crank"] * 1.0
+    free[free <= AT] = AT - 0.1 * np.linspace(0.0, 1.0, int(np.sum(free <= AT)))  # three hundredths of its way
+    rod = -np.arcsin(CRANK / ROD * np.sin(free)) - free
+    assert rod.max() - (-np.arcsin(CRANK / ROD * np.sin(AT)) - AT) > 2.0 * ends.ONE_CURVE * np.ptp(rod)
+    met = same_end("crank", AT, False, "rod", True, {"crank": free, "rod": rod})
+    assert met is not None
+    assert met[0] == pytest.approx(-np.arcsin(CRANK / ROD * np.sin(AT)) - AT, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +55,7 @@ def test_another_pin_of_the_loop_ends_where_it_stands_at_the_blow(motion, upper)
 )
 def test_a_joint_that_has_been_beyond_or_moves_by_itself_does_not_stop_alike(motion, joint, upper):
     """The slide stands there with the crank up as well as down, and goes farther in the swing up."""
-    assert same_end("crank", AT, joint, upper, motion) is None
+    assert same_end("crank", AT, False, joint, upper, motion) is None
 
 
 def stop(joint: str, end: str, at: float, log_z: float, *beside: str) -> Any:
