@@ -21,9 +21,11 @@ from backend.diagnose.probe import Probe, with_drives
 from backend.diagnose.settled import lying
 from backend.fit.free import FreeParameter
 from backend.fit.prediction import addresses_of
+from backend.mechanism.constraints import drawn, size_m
 from backend.mechanism.effect import Effect
 from backend.mechanism.joint import WITHOUT_COORDINATE
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.mobility import rank_at
 from backend.mechanism.study import Study
 from backend.model.build import build
 from backend.model.model import Address, Model
@@ -216,14 +218,19 @@ def bumps_at(time_s: Float[np.ndarray, " n"], duration_s: float, waves: int) -> 
 
 
 def _drivable(study: Study) -> tuple[str, ...]:
-    """Joints at which an unknown force would show: neither told how to move, nor between two parts that stand still."""
-    told = {id for e in study.mechanism.effects if e.kind == "prescribed_motion" for id in e.on if e.on != "all"}
-    if any(e.kind == "prescribed_motion" and e.on == "all" for e in study.mechanism.effects):
+    """Joints at which an unknown force would show: neither told how to move, nor between two parts that stand still;
+    none where all freedoms are told.
+    """
+    m = study.mechanism
+    told = {id for e in m.effects if e.kind == "prescribed_motion" for id in e.on if e.on != "all"}
+    if any(e.kind == "prescribed_motion" and e.on == "all" for e in m.effects):
         return ()
-    still = {b.id for b in study.mechanism.bodies if b.fixed}
+    if told and rank_at(m, list(m.joints), drawn(m), size_m(m)).mobility <= len(told):
+        return ()
+    still = {b.id for b in m.bodies if b.fixed}
     types = ("revolute", "prismatic", "cylindrical", "planar")
     return tuple(
-        j.id for j in study.mechanism.joints
+        j.id for j in m.joints
         if j.type in types and j.type not in WITHOUT_COORDINATE and j.id not in told
         and not {j.body_a, j.body_b} <= still
     )  # fmt: skip
