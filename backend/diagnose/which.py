@@ -24,6 +24,7 @@ from backend.diagnose.unseen import Left, Unseen, unseen
 
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
 REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
+LEAST = 1.0  # sum of squares, in noise variances, that a candidate takes off to first order, or it is not refitted
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
@@ -126,9 +127,9 @@ class Search:
 
     def _promising(self, about: Screen, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
         """Those that gain most to first order; of a large misfit half as many by its beginning, too."""
-        found = [c for c, gain in about.ranking(candidates)[:most] if gain > 0.0]
+        found = [c for c, gain in about.ranking(candidates)[:most] if gain > LEAST]
         if about.early is not None:
-            found += [c for c, gain in about.early.ranking(candidates)[: most // 2] if gain > 0.0 and c not in found]
+            found += [c for c, gain in about.early.ranking(candidates)[: most // 2] if gain > LEAST and c not in found]
         return found
 
     def _join(

@@ -1,9 +1,13 @@
 """Libraries for drawings that hold effects, drives and tolerances already: each was an error, or a silent one, once."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from backend.diagnose.library import SMOOTH, library
+from backend.diagnose.subject import _drivable
 from backend.fit.free import free_parameters
 from backend.mechanism.apart import set_apart
 from backend.mechanism.read import parse_mechanism
@@ -146,6 +150,16 @@ def test_a_push_is_in_the_unit_of_the_first_joint_that_moves_by_itself_whatever_
     drawn = slider_crank(effects=[effect("hold", "prescribed_motion", ["main", "crankpin", "wrist"], q=0.0)])
     (push,) = candidates(drawn, driven=frozenset({"hold"}))["release_velocity:world"].parameters
     assert push.parameter == "m_per_s"
+
+
+def test_unknown_forces_show_where_a_drive_leaves_a_freedom():
+    def shows(drawn):
+        told: Any = SimpleNamespace(mechanism=drawn)
+        return _drivable(told)
+
+    assert shows(fourbar([effect("drive", "prescribed_motion", ["j1"], q=0.0)])) == ()
+    assert shows(double_pendulum([effect("drive", "prescribed_motion", ["shoulder"], q=0.0)])) == ("elbow",)
+    assert set(shows(fourbar())) == {j.id for j in fourbar().joints}
 
 
 @pytest.mark.parametrize("on", ["all", ["coil"]])
