@@ -197,8 +197,12 @@ class Probe(Run):
 
 
 def with_drives(record: Record | None, steps: int, addresses: tuple[tuple[str, str], ...]) -> Record:
-    """A record that also drives `addresses`, by nothing yet."""
+    """A record that also drives `addresses`, by nothing yet; a path that is on record by that once more, in whose
+    place it stands.
+    """
     if record is None:
         return Record(jnp.zeros((steps + 1, len(addresses))), addresses)
-    none = jnp.zeros((record.values.shape[0], len(addresses)))
-    return Record(jnp.concatenate([record.values, none], 1), (*record.addresses, *addresses))
+    none = jnp.zeros(record.values.shape[0])
+    told = dict(zip(record.addresses, record.values.T, strict=True))
+    values = [record.values, *(told.get(a, none)[:, None] for a in addresses)]
+    return Record(jnp.concatenate(values, 1), (*record.addresses, *addresses))

@@ -29,6 +29,7 @@ from backend.mechanism.mobility import rank_at
 from backend.mechanism.study import Study
 from backend.model.build import build
 from backend.model.model import Address, Model
+from backend.simulate.record import series_of
 
 UNKNOWN = "unknown@"  # ids of the drives that stand for what is not in the library
 WAVES = (12, 48)  # fewest and most bumps in time of an unknown drive
@@ -88,7 +89,10 @@ class Choice:
 
 @dataclass
 class Subject:
-    """Experiments to learn from and to test on. neutral: every parameter of the library as drawn."""
+    """Experiments to learn from and to test on. neutral: every parameter of the library as drawn.
+
+    joints: where something unknown may act: a force; of a joint that is told how to move (`told`) a motion beside that.
+    """
 
     mechanism: Mechanism
     library: Library
@@ -99,6 +103,7 @@ class Subject:
     held_noise: Noise
     step_s: float
     joints: tuple[str, ...]
+    told: frozenset[str] = frozenset()
     kept: Kept = field(default_factory=Kept)
     slopes: dict[str, list[tuple[np.ndarray, Any]]] = field(default_factory=dict)
 
@@ -164,14 +169,16 @@ def prepare(
     """
     kept = Kept() if kept is None else kept
     cameras = cameras_of(study)
-    joints = _drivable(study)
-    drives = [Effect(id=UNKNOWN + j, kind="effort_offset", on=(j,), parameters={}) for j in joints]
+    pushed, told = _drivable(study), _on_record(study)
+    joints = (*pushed, *told)
+    drives = [Effect(id=UNKNOWN + j, kind="effort_offset", on=(j,), parameters={}) for j in pushed]
     model = build(study.mechanism, (*library.added, *drives))
     addresses = addresses_of(library.parameters)
     library = with_cameras(library, cameras)
     neutral = np.array(library.neutral)
     turning = {j.id: j.type != "prismatic" for j in study.mechanism.joints}
-    driven: tuple[Address, ...] = tuple((UNKNOWN + j, "torque_n_m" if turning[j] else "force_n") for j in joints)
+    driven: tuple[Address, ...] = tuple((UNKNOWN + j, "torque_n_m" if turning[j] else "force_n") for j in pushed)
+    driven += tuple(told.values())
 
     def probe(experiment) -> Probe:
         given = model.overridden(experiment.overrides)
@@ -191,12 +198,12 @@ def prepare(
         setting = p.framed(*frame)
         p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))
     if noise is not None:
-        return Subject(study.mechanism, library, model, fit, held, *noise, step_s, joints, kept)
+        return Subject(study.mechanism, library, model, fit, held, *noise, step_s, joints, frozenset(told), kept)
     every = estimate([p.data for p in (*fit, *held)])
     mine, theirs = (
         Noise(every.sigma[part], every.memory, every.keep[part]) for part in (slice(len(fit)), slice(len(fit), None))
     )
-    return Subject(study.mechanism, library, model, fit, held, mine, theirs, step_s, joints, kept)
+    return Subject(study.mechanism, library, model, fit, held, mine, theirs, step_s, joints, frozenset(told), kept)
 
 
 def _few_sizes(count: int, floor: int) -> int:
@@ -215,6 +222,14 @@ def bumps_at(time_s: Float[np.ndarray, " n"], duration_s: float, waves: int) -> 
     """The same at any times since the release."""
     centre, spacing = np.linspace(0.0, duration_s, waves), duration_s / (waves - 1)
     return np.exp(-0.5 * ((time_s[:, None] - centre) / (0.7 * spacing)) ** 2)
+
+
+def _on_record(study: Study) -> dict[str, Address]:
+    """Joints whose motion is on record in every experiment, with what the record drives: each may not follow it."""
+    series = [{address for address, _, _ in series_of(e)} for e in (*study.fit, *study.held_out)]
+    every = set.intersection(*series) if series else set()
+    motions = {e.id: e.on for e in study.mechanism.effects if e.kind == "prescribed_motion" and len(e.on) == 1}
+    return {motions[effect][0]: (effect, name) for effect, name in sorted(every) if effect in motions}
 
 
 def _drivable(study: Study) -> tuple[str, ...]:

@@ -93,4 +93,5 @@ def passed(fitted: Fitted) -> dict[str, np.ndarray]:
 
 def _by_joint(subject: Subject, found: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
     ids = subject.model.topology.joint_ids
-    return {id: np.stack([q[:, ids.index(id)] for q in found]) for id in subject.joints}
+    free = [id for id in subject.joints if id not in subject.told]
+    return {id: np.stack([q[:, ids.index(id)] for q in found]) for id in free}

@@ -52,7 +52,9 @@ def locations(belief: Belief, model_free: Mapping[str, float]) -> list[Location]
 
 
 class MissingForce:
-    """Unknown force at one joint against time, in each experiment [N m or N], with its sd."""
+    """Unknown force at one joint against time, in each experiment [N m or N], with its sd; of a joint that is told how
+    to move, an unknown motion beside that [rad or m].
+    """
 
     def __init__(self, subject: Subject, fitted: Fitted, latent: Latent, joint: str, scale: float):
         place = f"joint:{joint}"
@@ -61,7 +63,8 @@ class MissingForce:
         size = float(SIZES[int(np.argmax(evidence(own, L)))])
         mean, C = posterior(own, L, size)
         slide = subject.model.topology.joint_types[subject.model.topology.joint_ids.index(joint)] == "prismatic"
-        self.joint, self.unit = joint, "N" if slide else "N m"
+        turning, sliding = ("rad", "m") if joint in subject.told else ("N m", "N")
+        self.joint, self.unit = joint, sliding if slide else turning
         self.series: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         at, unit = 0, latent.unit[place]
         counts = _counts(latent.places[place], fitted.rows)

@@ -190,8 +190,8 @@ def _model_free(evidence: GapEvidence) -> str:
 
 
 def force_kind(evidence: GapEvidence) -> str:
-    """What can be missing along a joint's own axis or about it."""
-    return "force" if evidence.missing_unit == "N" else "torque"
+    """What can be missing along a joint's own axis or about it; of one that is told how to move, a motion."""
+    return {"N": "force", "N m": "torque"}.get(evidence.missing_unit, "motion")
 
 
 def compared(channel: Channel, report: GapReport) -> Chart:
