@@ -16,6 +16,10 @@ def blind(
     mechanism: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Draw this mechanism alone; may be repeated.")
     ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND", help="An effect that is neither drawn nor a candidate; may be repeated."),
+    ] = None,
     workers: Annotated[int, typer.Option(metavar="N", min=1, help="Processes that draw and diagnose.")] = 1,
     out: Out = None,
     as_json: AsJson = False,
@@ -25,11 +29,14 @@ def blind(
     Ctrl-C ends it after the case at hand; the same command goes on from there.
     """
     with answering(as_json) as answer:
-        from backend.blind.withheld.run import Cancelled, check_mechanisms, check_seed, run_blind
+        from backend.blind.withheld.run import Cancelled, Limits, check_limits, check_seed, run_blind
         from backend.diagnose.answer import answer as diagnosed
+        from backend.mechanism.effect import kind_named
 
+        for kind in without or ():
+            kind_named(kind)
         check_seed(seed, test)
-        check_mechanisms(names := tuple(mechanism or ()), test)
+        check_limits(limits := Limits(tuple(mechanism or ()), tuple(without or ())), test)
         folder = folder_for(out, f"blind_{seed}")
         with progress("drawing the studies") as advance, stoppable() as stopped:
             try:
@@ -42,7 +49,7 @@ def blind(
                     progress=advance,
                     cancelled=stopped,
                     workers=workers,
-                    mechanisms=names,
+                    limits=limits,
                 )
             except Cancelled as error:
                 raise Failed(str(error)) from error

@@ -8,7 +8,7 @@ import pytest
 from backend.blind.withheld import case
 from backend.blind.withheld.interval import bootstrap, wilson
 from backend.blind.withheld.mechanisms import pendulum
-from backend.blind.withheld.run import Cancelled, check_seed, run_blind, scored
+from backend.blind.withheld.run import Cancelled, Limits, check_seed, run_blind, scored
 from backend.blind.withheld.score import scores
 from backend.blind.withheld.seal import commitment
 from backend.blind.withheld.verdict import judged, unanswered
@@ -261,12 +261,32 @@ def test_mechanisms_kept_for_tests_are_drawn_only_there(quick, monkeypatch):
 
 
 def test_one_mechanism_alone_is_drawn_where_it_is_asked_for(tmp_path):
-    run_blind(7, 4, tmp_path, lambda study, without: gap("none", none=1.0), mechanisms=("pendulum",))
+    run_blind(7, 4, tmp_path, lambda study, without: gap("none", none=1.0), limits=Limits(("pendulum",)))
     assert {label["family"] for label in json.loads((tmp_path / "labels.json").read_text())["labels"]} == {"pendulum"}
     with pytest.raises(ValueError, match=r"4 cases of pendulum .* not seed 7 with 4 of all mechanisms"):
         run_blind(7, 4, tmp_path, lambda study, without: gap("none", none=1.0))
 
 
+def test_what_a_check_goes_without_is_neither_drawn_nor_known(tmp_path):
+    kept = {"viscous_friction", "camera_scale", "marker_offset", "tracker_drift"}
+    less, asked = tuple(name for name in case.KNOWN if name not in kept), []
+
+    def diagnose(study, without):
+        asked.append(without)
+        return gap("none", none=1.0)
+
+    run_blind(7, 20, tmp_path, diagnose, limits=Limits(("pendulum",), less))
+    labels = json.loads((tmp_path / "labels.json").read_text())["labels"]
+    drawn = {e["kind"] for label in labels if label["stratum"] != "never" for e in label["effects"]}
+    assert drawn
+    assert drawn <= kept
+    assert all(without.issuperset(less) for without in asked)
+    names = {e["kind"] for label in labels for group in label["classes"] for e in group}
+    assert not names & set(less)
+    with pytest.raises(ValueError, match=r"20 cases of pendulum without air_drag, .* with 20 of pendulum by"):
+        run_blind(7, 20, tmp_path, diagnose, limits=Limits(("pendulum",)))
+
+
 def test_a_mechanism_kept_for_tests_is_not_drawn_in_development(tmp_path):
     with pytest.raises(ValueError, match="no mechanism 'six-bar' to draw; choose among pendulum"):
-        run_blind(7, 1, tmp_path, lambda study, without: gap("none", none=1.0), mechanisms=("six-bar",))
+        run_blind(7, 1, tmp_path, lambda study, without: gap("none", none=1.0), limits=Limits(("six-bar",)))

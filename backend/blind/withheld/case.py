@@ -56,34 +56,57 @@ class Case:
     label: dict[str, Any]
 
 
+@dataclass(frozen=True)
+class Limits:
+    """What a check is limited to.
+
+    mechanisms: the only ones to draw; none for all. without: kinds that are neither drawn nor known to the diagnosis.
+    """
+
+    mechanisms: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """As a sentence names them."""
+        less = f" without {', '.join(self.without)}" if self.without else ""
+        return f"{', '.join(self.mechanisms) or 'all mechanisms'}{less}"
+
+    @property
+    def stamp(self) -> dict[str, list[str]]:
+        """As a file keeps them."""
+        return {"mechanisms": sorted(self.mechanisms), "without": sorted(self.without)}
+
+
+ALL = Limits()
+
+
 def stratum_of(seed: int, index: int) -> str:
     """Strata in shuffled blocks of twenty, so that every run of 20 cases holds all of them."""
     block = np.random.default_rng([seed, 1_000_003, index // len(STRATA)]).permutation(STRATA)
     return str(block[index % len(STRATA)])
 
 
-def draw_case(seed: int, index: int, *, unseen: bool = False, mechanisms: Sequence[str] = ()) -> Case:
+def draw_case(seed: int, index: int, *, unseen: bool = False, limits: Limits = ALL) -> Case:
     """Case `index` of a seed, the same every time.
 
-    unseen: whether mechanisms kept for tests may be drawn.  mechanisms: the only ones to draw; none for all.
+    unseen: whether mechanisms kept for tests may be drawn.
     """
     stratum = stratum_of(seed, index)
     for attempt in range(TRIES):
         rng = np.random.default_rng([seed, index, attempt])
         try:
-            if case := _attempt(rng, stratum, unseen, index, mechanisms):
+            if case := _attempt(rng, stratum, unseen, index, limits):
                 return case
         except Stuck:
             continue
     raise RuntimeError(f"no case {index} of seed {seed} after {TRIES} tries; its mechanisms do not move: {stratum}")
 
 
-def _attempt(
-    rng: np.random.Generator, stratum: str, unseen: bool, index: int, mechanisms: Sequence[str]
-) -> Case | None:
+def _attempt(rng: np.random.Generator, stratum: str, unseen: bool, index: int, limits: Limits) -> Case | None:
     families = UNSEEN if unseen and rng.random() < 0.25 else DEVELOPED
-    if mechanisms:
-        families = {name: draw for name, draw in {**DEVELOPED, **UNSEEN}.items() if name in mechanisms}
+    if limits.mechanisms:
+        families = {name: draw for name, draw in {**DEVELOPED, **UNSEEN}.items() if name in limits.mechanisms}
     linkage = families[str(rng.choice(list(families)))](rng)
     if not all(np.isfinite(pin.at) for pin in linkage.pins):
         return None
@@ -94,7 +117,7 @@ def _attempt(
     rig = _rig(linkage, starts, record)
     if rig is None:
         return None
-    causes = _causes(rng, rig, stratum)
+    causes = _causes(rng, rig, stratum, limits.without)
     if causes is None:
         return None
     noise = _noise(rng, linkage)
@@ -118,7 +141,7 @@ def _attempt(
     # A draw that nobody could see says nothing; a few are kept, for the smallest sizes belong to the range.
     if causes and rng.random() < TOO_FAINT and distance(witness, clean[:fit], []).d2 < ALIKE:
         return None
-    label = _label(witness, rig, causes, stratum, clean[:fit])
+    label = _label(witness, rig, causes, stratum, clean[:fit], limits.without)
     if stratum == "pair" and _are_one(label):
         return None
     tables = np.stack([noisy(one, noise, rng) for one in clean])
@@ -192,10 +215,10 @@ def _rig(linkage: Linkage, starts: np.ndarray, record: Record) -> Rig | None:
     )
 
 
-def _causes(rng: np.random.Generator, rig: Rig, stratum: str) -> list[Cause] | None:
+def _causes(rng: np.random.Generator, rig: Rig, stratum: str, without: Sequence[str]) -> list[Cause] | None:
     if stratum == "none":
         return []
-    names = UNKNOWN if stratum == "never" else KNOWN
+    names = UNKNOWN if stratum == "never" else [name for name in KNOWN if name not in without]
     count = 2 if stratum == "pair" else 1
     drawn = [drawn_cause(rig, str(name), rng) for name in rng.choice(names, count, replace=False)]
     if any(cause is None for cause in drawn):
@@ -220,12 +243,14 @@ def reality(
     return seen(path, rows, linkage.size, *record.rows(count))
 
 
-def _label(witness: Witness, rig: Rig, causes: list[Cause], stratum: str, clean: np.ndarray) -> dict[str, Any]:
-    """What is true, which names the data allow for it, and how visible it is."""
-    without = sorted({k for c in causes for k in (c.kind, *library.EQUIVALENT.get(c.kind, ()))})
-    without = without if stratum == "left_out" else []
+def _label(
+    witness: Witness, rig: Rig, causes: list[Cause], stratum: str, clean: np.ndarray, never: Sequence[str]
+) -> dict[str, Any]:
+    """What is true, which names the data allow for it, and how visible it is. never: kinds that no diagnosis knows."""
+    own = {k for c in causes for k in (c.kind, *library.EQUIVALENT.get(c.kind, ()))}
+    without = sorted({*never, *(own if stratum == "left_out" else ())})
     if stratum == "pair":
-        far = [_beside(witness, rig, causes, k, clean) for k in range(2)]
+        far = [_beside(witness, rig, causes, k, clean, without) for k in range(2)]
         d2 = min(one.d2 for one in far)
     else:
         far = [_distance(witness, rig, causes, without, clean)]
@@ -251,12 +276,14 @@ def _class(truth: Cause | None, far: Distance) -> list[dict[str, Any]]:
     return [{"kind": k, "on": list(on), "places": list(at)} for (k, on), at in {**first, **names}.items()]
 
 
-def _beside(witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.ndarray) -> Distance:
+def _beside(
+    witness: Witness, rig: Rig, causes: list[Cause], k: int, clean: np.ndarray, without: Sequence[str]
+) -> Distance:
     """How visible one of a pair is beside the other."""
     rest = [cause for i, cause in enumerate(causes) if i != k]
     laws = _laws(rig.linkage, rest)
     record = reality(rig.linkage, rest, laws, witness.starts, witness.record)
-    truth, rivals = causes[k], rivals_of(rig, [causes[k]])
+    truth, rivals = causes[k], rivals_of(rig, [causes[k]], without)
     if truth.kind in WITHOUT_SLOPE:
         far = distance(witness, clean, rivals, (laws, record))
         return with_other_hinges(far, witness, rig, truth, laws, clean, partial(_crisp, witness))
@@ -268,7 +295,7 @@ def _distance(witness: Witness, rig: Rig, causes: list[Cause], without: Sequence
     rivals = rivals_of(rig, causes, without) if causes else []
     if not causes or causes[0].kind in (*WITHOUT_SLOPE, *UNKNOWN):
         far, drawn = distance(witness, clean, rivals), as_drawn(rig.linkage)
-        if not causes or without:
+        if not causes or causes[0].kind in without:
             return far
         return with_other_hinges(far, witness, rig, causes[0], drawn, clean, partial(_crisp, witness))
     return confusion(witness, causes[0], rivals, as_drawn(rig.linkage), distance(witness, clean, []).d2)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from backend.blind.withheld.case import draw_case
+from backend.blind.withheld.case import ALL, Limits, draw_case
 from backend.blind.withheld.mechanisms import DEVELOPED, UNSEEN
 from backend.blind.withheld.naive import most_frequent, regression
 from backend.blind.withheld.score import ALPHA, Facts, Scores, scores
@@ -43,7 +43,7 @@ def run_blind(
     cancelled: Callable[[], bool] | None = None,
     resume: bool = True,
     workers: int = 1,
-    mechanisms: Sequence[str] = (),
+    limits: Limits = ALL,
     alpha: float = ALPHA,
 ) -> Scores:
     """Draw n studies, seal what is amiss with them, diagnose each, and score the answers.
@@ -51,13 +51,12 @@ def run_blind(
     diagnose: (study.json, kinds removed from the library) -> gap.json's content.  test: seeds of TEST, which hold
     mechanisms that development never sees; without it seeds of DEVELOPMENT.  progress(share, words);
     cancelled() is asked after each case.  workers: processes that draw and diagnose (diagnose must then pickle).
-    mechanisms: the only ones to draw, by name; none for all.
     alpha: the rate of false alarms that the diagnosis promises.
     Under `out`: studies/, seal.json before the first answer, labels.json, answers.jsonl as answers come, scores.json.
     Raises ValueError for a seed out of its range or a folder of another check, Cancelled.
     """
     check_seed(seed, test)
-    check_mechanisms(mechanisms, test)
+    check_limits(limits, test)
     if n < 1:
         raise ValueError(f"n is {n}; ask for at least 1 case")
     tell = progress or (lambda share, words: None)
@@ -66,9 +65,9 @@ def run_blind(
     if not resume:
         for name in (SEAL, DRAWN, ANSWERS, NAIVE, SCORES):
             (out / name).unlink(missing_ok=True)
-    if not is_sealed(out, seed, n, mechanisms):
+    if not is_sealed(out, seed, n, limits):
         (out / ANSWERS).unlink(missing_ok=True)
-        _draw(seed, n, out, test, mechanisms, tell, halt, workers)
+        _draw(seed, n, out, test, limits, tell, halt, workers)
     sha = json.loads((out / SEAL).read_text())["sha256"]
     tell(DRAWING, f"sealed {n} cases: {sha}")
     labels = json.loads((out / "labels.json").read_text())["labels"]
@@ -122,10 +121,10 @@ def facts_of(out: Path) -> tuple[Facts, ...]:
     return tuple([{"case": i, **judged(labels[i], gap)} for i, gap in sorted(gaps.items())] for gaps in given)
 
 
-def check_mechanisms(names: Sequence[str], test: bool) -> None:
+def check_limits(limits: Limits, test: bool) -> None:
     """ValueError where a name is no mechanism's, or that of one that development must not see."""
     allowed = [*DEVELOPED, *(UNSEEN if test else ())]
-    if strange := [name for name in names if name not in allowed]:
+    if strange := [name for name in limits.mechanisms if name not in allowed]:
         raise ValueError(f"there is no mechanism {strange[0]!r} to draw; choose among {', '.join(allowed)}")
 
 
@@ -134,15 +133,15 @@ def _draw(
     n: int,
     out: Path,
     test: bool,
-    mechanisms: Sequence[str],
+    limits: Limits,
     tell: Progress,
     halt: Callable[[], bool],
     workers: int,
 ) -> None:
     """Write all studies and the regression's answers, then seal the labels; a run that was stopped goes on."""
-    stamp = {"seed": seed, "version": generator_version(), "mechanisms": sorted(mechanisms)}
+    stamp = {"seed": seed, "version": generator_version(), **limits.stamp}
     drawn = {e["case"]: e for e in _lines(out / DRAWN) if stamp.items() <= e.items() and e["case"] < n}
-    jobs = [(seed, i, str(_folder(out, i)), test, tuple(mechanisms)) for i in range(n) if i not in drawn]
+    jobs = [(seed, i, str(_folder(out, i)), test, limits) for i in range(n) if i not in drawn]
     with (out / DRAWN).open("a") as file:
         for i, label, gap in _all(_drawn, jobs, workers):
             drawn[i] = {"case": i, "label": label, "gap": gap, **stamp}
@@ -152,13 +151,13 @@ def _draw(
             if halt() and len(drawn) < n:
                 raise Cancelled(f"stopped with {len(drawn)} of {n} cases drawn; run again to go on")
     (out / NAIVE).write_text("".join(json.dumps({"case": i, "gap": drawn[i]["gap"]}) + "\n" for i in range(n)))
-    seal([drawn[i]["label"] for i in range(n)], out, seed, mechanisms)
+    seal([drawn[i]["label"] for i in range(n)], out, seed, limits)
     (out / DRAWN).unlink()
 
 
-def _drawn(job: tuple[int, int, str, bool, tuple[str, ...]]) -> tuple[int, dict[str, Any], dict[str, Any]]:
-    seed, i, folder, unseen, mechanisms = job
-    case = draw_case(seed, i, unseen=unseen, mechanisms=mechanisms)
+def _drawn(job: tuple[int, int, str, bool, Limits]) -> tuple[int, dict[str, Any], dict[str, Any]]:
+    seed, i, folder, unseen, limits = job
+    case = draw_case(seed, i, unseen=unseen, limits=limits)
     write_case(case, Path(folder))
     return i, case.label, regression(case)
 
@@ -230,4 +229,4 @@ def _lines(path: Path) -> list[dict[str, Any]]:
     return entries
 
 
-__all__ = ["DEVELOPMENT", "TEST", "Cancelled", "facts_of", "generator_version", "run_blind", "scored"]
+__all__ = ["DEVELOPMENT", "TEST", "Cancelled", "Limits", "facts_of", "generator_version", "run_blind", "scored"]

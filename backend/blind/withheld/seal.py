@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from backend.blind.withheld.case import ALL, Limits
 from backend.blind.withheld.write import as_json
 
 SEAL, LABELS = "seal.json", "labels.json"
@@ -28,16 +29,13 @@ def commitment(labels: Sequence[dict[str, Any]], salt: str, version: str) -> str
     return hashlib.sha256("\n".join([version, salt, *map(as_json, labels)]).encode()).hexdigest()
 
 
-def seal(labels: Sequence[dict[str, Any]], out: Path, seed: int, mechanisms: Sequence[str] = ()) -> str:
-    """Write labels.json, and seal.json whose hash may be told to anyone; returns the hash.
-
-    mechanisms: the only ones that were drawn; none for all.
-    """
+def seal(labels: Sequence[dict[str, Any]], out: Path, seed: int, limits: Limits = ALL) -> str:
+    """Write labels.json, and seal.json whose hash may be told to anyone; returns the hash."""
     salt, version = secrets.token_hex(16), generator_version()
     sha = commitment(labels, salt, version)
     (out / LABELS).write_text(json.dumps({"salt": salt, "version": version, "labels": list(labels)}))
     sealed = {"sha256": sha, "seed": seed, "cases": len(labels), "version": version,
-              "mechanisms": sorted(mechanisms), "sealed": datetime.now(UTC).isoformat(timespec="seconds")}  # fmt: skip
+              **limits.stamp, "sealed": datetime.now(UTC).isoformat(timespec="seconds")}  # fmt: skip
     (out / SEAL).write_text(json.dumps(sealed, indent=1))
     return sha
 
@@ -56,7 +54,7 @@ def revealed(out: Path) -> list[dict[str, Any]]:
     return kept["labels"]
 
 
-def is_sealed(out: Path, seed: int, cases: int, mechanisms: Sequence[str] = ()) -> bool:
+def is_sealed(out: Path, seed: int, cases: int, limits: Limits = ALL) -> bool:
     """Whether a folder holds the sealed cases of this seed, by the generators as they are now.
 
     Raises ValueError where it holds another check.
@@ -64,15 +62,12 @@ def is_sealed(out: Path, seed: int, cases: int, mechanisms: Sequence[str] = ()) 
     if not (out / SEAL).exists():
         return False
     sealed = json.loads((out / SEAL).read_text())
-    asked, held = (seed, cases, generator_version(), sorted(mechanisms)), sealed.get("mechanisms", [])
-    if (sealed["seed"], sealed["cases"], sealed["version"], held) != asked:
+    asked = seed, cases, generator_version(), limits.stamp
+    held = Limits(**{name: tuple(sealed.get(name, ())) for name in limits.stamp})
+    if (sealed["seed"], sealed["cases"], sealed["version"], held.stamp) != asked:
         raise ValueError(
-            f"{out} holds seed {sealed['seed']} with {sealed['cases']} cases of {_names(held)} by "
-            f"generators {sealed['version']}, not seed {seed} with {cases} of {_names(mechanisms)} by {asked[2]}; "
+            f"{out} holds seed {sealed['seed']} with {sealed['cases']} cases of {held.words} by "
+            f"generators {sealed['version']}, not seed {seed} with {cases} of {limits.words} by {asked[2]}; "
             "name another folder, or ask for resume=False"
         )
     return True
-
-
-def _names(mechanisms: Sequence[str]) -> str:
-    return ", ".join(mechanisms) or "all mechanisms"
