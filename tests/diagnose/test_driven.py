@@ -11,9 +11,7 @@ from tests.mechanisms import Z, bar, drawing, effect
 SLACK = 0.02  # rad by which the bar lags, either way
 SIGMA = 2e-4
 RATE, STILL = 60.0, 20
-DRAWN = frozenset(
-    {"length_error", "camera_scale", "camera_rotation", "time_offset", "marker_offset", "viscous_friction"}
-)
+ASKED = {"length_error", "camera_scale", "camera_rotation", "time_offset", "marker_offset", "viscous_friction"}
 
 pytestmark = pytest.mark.timeout(600)
 
