@@ -118,9 +118,8 @@ def _own(cause: Cause) -> float:
     choice = cause.fitted.choice
     off = (cause.fitted.values - choice.start)[: choice.own] / choice.prior_sd[: choice.own]
     outsized = np.any(np.abs(off)[choice.sizes] > FAR)
-    return min(
-        float(np.prod([1.0 - IMITATED[together] for together in cause.shares_a_part])), 1.0 - OUTSIZED * float(outsized)
-    )
+    unimitated = float(np.prod([1.0 - IMITATED[together] for together in cause.shares_a_part]))
+    return min(unimitated, 1.0 - OUTSIZED * float(outsized))
 
 
 def log_prior(size: int, library: int) -> float:

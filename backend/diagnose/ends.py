@@ -18,7 +18,7 @@ from backend.effects.shapes import AbstractJointStop
 
 NEIGHBOURS = 12  # of a motion's places, at least, by which one joint's travel is read from another's
 NEAR = 0.05  # of what a joint passes: so far about the blow they are read
-STIFFNESS = ("N m/rad", "N/m")
+STIFFNESS = ("N m/rad", "N/m")  # of an end that a turn or a slide meets
 ONE_CURVE = 0.01  # of what a joint passes: how far its places may lie from one curve, or beyond an end of travel
 
 

@@ -40,7 +40,7 @@ def _label(cause: Cause) -> str:
 
 
 def _releases(subject: Subject):
-    if subject.told.issuperset(subject.joints):  # a drive says how it begins
+    if subject.told.issuperset(subject.joints):  # a drive says how it begins, or no joint's coordinate can
         return
     probe = subject.fit[0]
     for direction in range(probe.mobility):
