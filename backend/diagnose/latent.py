@@ -42,6 +42,13 @@ class Latent:
         """Places where forces act."""
         return [p for p in self.places if p.startswith("joint:")]
 
+    @classmethod
+    def of(cls, places: dict[str, Float[np.ndarray, "n bumps"]]) -> Latent:
+        """From all columns of each place; those that move nothing say nothing."""
+        places = {k: L[:, np.linalg.norm(L, axis=0) > 1e-9 * max(np.linalg.norm(L), 1e-300)] for k, L in places.items()}
+        places = {k: L for k, L in places.items() if L.shape[1]}
+        return cls(places, {k: 1.0 / float(np.median(np.linalg.norm(L, axis=0))) for k, L in places.items()})
+
     def scaled(self, place: str) -> np.ndarray:
         """Columns for s = 1."""
         return self.places[place] * self.unit[place]
@@ -51,7 +58,8 @@ def forces(subject: Subject, fitted: Fitted, within: float = ALIKE) -> list[Floa
     """Response of every experiment's samples to each bump of force at each joint, before any whitening, about a fit or
     one that moves alike.
     """
-    joints = len(subject.joints)
+    first = -len(subject.joints) - len(subject.axes)
+    joints = range(first, -len(subject.axes))
 
     def one(i: int) -> np.ndarray:
         return np.nan_to_num(fitted.probes[i].drive_slopes(fitted.values, fitted.own(i), joints))
@@ -63,10 +71,7 @@ def responses(subject: Subject, fitted: Fitted, raw: Sequence[np.ndarray] | None
     """Responses about a fitted motion. raw: of the forces, where they are known from a motion alike."""
     seer = Seer(subject, fitted.probes, fitted.fraction)
     places = force_responses(subject, seer, raw or forces(subject, fitted))
-    places |= _shifts(subject, fitted, seer)
-    places = {k: L[:, np.linalg.norm(L, axis=0) > 1e-9 * max(np.linalg.norm(L), 1e-300)] for k, L in places.items()}
-    places = {k: L for k, L in places.items() if L.shape[1]}
-    return Latent(places, {k: 1.0 / float(np.median(np.linalg.norm(L, axis=0))) for k, L in places.items()})
+    return Latent.of(places | _shifts(subject, fitted, seer))
 
 
 def force_responses(subject: Subject, seer: Seer, raw: Sequence[np.ndarray]) -> dict[str, Float[np.ndarray, "n bumps"]]:

@@ -12,15 +12,28 @@ from backend.diagnose.subject import Subject
 from backend.fit.remedy import pose_words
 from backend.mechanism.gap_report import NextExperiment
 
+WATCH = {
+    "joint": "watch that joint alone: hold the others, move it by hand or by a weight, and record its place beside the "
+    "force",
+    "body": "film that part alone, hung from one point, then with a known mass added to it",
+    "marker": "stick a second marker to the same part and the first one on anew, and repeat",
+    "camera": "film a scale bar that is moved across the picture and a clock beside it, as long as before",
+    "world": "clamp the base to something heavy and repeat, or film a marker on the base and one on the floor with the "
+    "mechanism",
+}
+"""What shows more of something unknown, by the kind of place where it lies."""
 REACHES = (-0.6, -0.3, 0.3, 0.6)  # rad, or mechanism lengths, from a release that was made
 MOST = 3  # explanations to tell apart
 
 
-def next_experiment(subject: Subject, belief: Belief, scale: float) -> NextExperiment | None:
+def next_experiment(subject: Subject, belief: Belief, scale: float, unknown_at: str = "") -> NextExperiment | None:
     """The release, among some that can be made, that sets the leading explanations furthest apart.
 
-    Where none does, another measurement is named instead.
+    Where none does, another measurement is named instead. unknown_at: the likeliest place of what no effect of the
+    library explains: then what would show more of that.
     """
+    if (watched := WATCH.get(unknown_at.partition(":")[0])) is not None:
+        return NextExperiment(separates=[], do=watched)
     rivals = [belief.causes[i] for i in belief.reported[:MOST]] or list(belief.causes[:2])
     if len(rivals) < 2:
         rivals = list(belief.causes[:2])

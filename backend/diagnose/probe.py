@@ -6,6 +6,7 @@ every candidate, every pair and the unknown forces alike.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import equinox as eqx
@@ -106,15 +107,24 @@ class Probe(Run):
         x = self._x(values, own)
         return self.along(x, np.eye(x.size)[x.size - self.mobility :])[1]
 
-    def drive_slopes(self, values: np.ndarray, own: np.ndarray, drives: int) -> np.ndarray:
-        """(samples, drives, waves): response to each unknown drive, the last `drives` columns of the record."""
-        x, waves = self._x(values, own), self.bumps.shape[1]
+    def drive_slopes(
+        self, values: np.ndarray, own: np.ndarray, drives: Sequence[int],
+        shapes: Float[np.ndarray, "steps waves"] | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """(samples, drives, waves): response to unknown drives, which are these columns of the record.
+
+        shapes: theirs in time, at most as many as there are bumps, instead of the bumps.
+        """
+        x, room = self._x(values, own), self.bumps.shape[1]
         every = self.setting.record.values.shape[1] if self.setting.record is not None else 0
-        wave = np.zeros((drives * waves, waves, every))
-        for d in range(drives):
-            wave[d * waves + np.arange(waves), np.arange(waves), every - drives + d] = 1.0
-        made = self.along(x, np.zeros((drives * waves, x.size)), wave)[1]
-        return made.reshape(made.shape[0], drives, waves)
+        shapes = self.bumps if shapes is None else shapes
+        waves = shapes.shape[1]
+        wave = np.zeros((len(drives) * waves, room, every))
+        for i, drive in enumerate(drives):
+            wave[i * waves + np.arange(waves), np.arange(waves), drive] = 1.0
+        filled = np.pad(shapes, ((0, 0), (0, room - waves)))
+        made = self.along(x, np.zeros((len(drives) * waves, x.size)), wave, filled)[1]
+        return made.reshape(made.shape[0], len(drives), waves)
 
     def coordinates(self, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "times joints"]:
         """q of every joint along the motion, at even times, through the program that predicts samples."""
@@ -135,15 +145,18 @@ class Probe(Run):
         return np.asarray(seen)[: times * joints].reshape(times, joints)
 
     def along(
-        self, x: np.ndarray, directions: np.ndarray, waves: np.ndarray | None = None
+        self, x: np.ndarray, directions: np.ndarray, waves: np.ndarray | None = None, shapes: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(samples), (samples, k): prediction and slopes, `AT_ONCE` directions at a time."""
+        """(samples), (samples, k): prediction and slopes, `AT_ONCE` directions at a time.
+
+        shapes: of the drives in time, instead of the bumps.
+        """
         n, k = self.data.time_s.size, directions.shape[0]
         record = self.setting.record
         none = np.zeros((k, self.bumps.shape[1], 0 if record is None else record.values.shape[1]))
         waves = none if waves is None else waves
         seen, lost, slopes = np.zeros(n), np.zeros(n, bool), np.zeros((n, k))
-        bumps, step = jnp.asarray(self.bumps), jnp.asarray(self.step_s)
+        bumps, step = jnp.asarray(self.bumps if shapes is None else shapes), jnp.asarray(self.step_s)
         motion, ways = self._of_motion(x), self._of_motion(directions)
         for first in range(0, max(k, 1), AT_ONCE):
             part = slice(first, min(first + AT_ONCE, k))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,6 +16,7 @@ from backend.diagnose.cause import Cause
 from backend.diagnose.climb import NEAR, Climb
 from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.ends import one_motion
+from backend.diagnose.finer import WORLD, base_response, finer_responses
 from backend.diagnose.fitted import Fitted, mean_square
 from backend.diagnose.kept import Kept
 from backend.diagnose.latent import Latent, forces, log_mean, responses
@@ -29,9 +30,9 @@ from backend.diagnose.standards import STRICT, SURE, WIDE, form
 from backend.diagnose.step_error import ORDERLY, apart, orderly, step_error, step_errors
 from backend.diagnose.subject import SAME, Subject, prepare
 from backend.diagnose.switched import CHANCE
-from backend.diagnose.unknown import unknown_evidence
+from backend.diagnose.unknown import Unknown, unknown_about
 from backend.diagnose.verdict import fitted_share, make_report
-from backend.diagnose.where import MissingForce, locations, place_evidence, shares
+from backend.diagnose.where import Trace, locations, missing_force, missing_motion, place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Search
 from backend.fit.fit_study import default_step
 from backend.fit.guess import told
@@ -49,6 +50,8 @@ NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its 
 ON_THE_WAY = 2  # smaller sets about whose motion laws of unknown form are weighed, too
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that nearly fits is not named
 LIKELIER = 0.5  # the same of one that fits
+DOUBTED = 0.05  # the same beyond which it is worth to look where it lies, with a base that moves among the places
+JOINTS = 2  # likeliest ones whose forces are taken as fine as the motion of the base
 STEP_ERROR = 1.0  # sum of squared sigmas that the error of the step may be wrong by: a cause that is named gains nine
 ROUGH = 25.0  # the same of an error of no order, little of which is like any cause
 FINER = 2  # times the step is halved for it
@@ -66,7 +69,7 @@ class Diagnosis:
     best: Cause
     belief: Belief
     model_free: dict[str, float]
-    missing: MissingForce | None
+    missing: Trace | None
     before: tuple[Test, ...]
     after: tuple[Test, ...]
     scale: float
@@ -214,7 +217,7 @@ class _Inquiry:
         """Whether nothing amiss is likelier than all named causes together, and no unknown law beyond doubt, though a
         test found the data unusual.
         """
-        z = unknown_evidence(baseline.fitted, self.search.latent, self.search.raw, self.scale)
+        z = unknown_about(baseline.fitted, self.search.latent, self.search.raw).log_z(self.scale)
         count = len(self.subject.library.candidates)
         belief = weigh(baseline, causes, count, scale=self.scale, unknown_log_z=log_mean(list(z.values())))
         return belief.unknown < DOUBT and belief.none > np.sum(belief.probability)
@@ -278,9 +281,11 @@ class _Inquiry:
         causes = [c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == best.fitted.fraction]
         same = baseline if baseline.fitted.fraction == best.fitted.fraction else None
         count = len(self.subject.library.candidates)
+        law = None
         if best.candidates:
-            ways = [self.unknown_about(c, soft) for c in (best, *self.on_the_way(best, exact))]
-            model_free = max(ways, key=lambda z: log_mean(list(z.values())))
+            about_causes = [self.unknown_about(c) for c in (best, *self.on_the_way(best, exact))]
+            weighed_about = [(u, u.log_z(self.scale / np.sqrt(soft))) for u in about_causes]
+            law, model_free = max(weighed_about, key=lambda pair: log_mean(list(pair[1].values())))
         unknown = log_mean(list(model_free.values())) if model_free else None
         if unknown is not None and exact and best.candidates:
             unknown -= overpromise(best, causes, self.scale)
@@ -305,14 +310,9 @@ class _Inquiry:
         if verdict == "identified" and (len(belief.reported) > 1 or belief.unknown > max(belief.probability)):
             verdict = "ambiguous"
         free = shares(model_free)
-        joints = {k: v for k, v in model_free.items() if k.startswith("joint:")}
-        missing = None
-        if verdict != "none" and joints:
-            # Where a cause is named at a joint, what is missing is told there: in a linkage of one freedom a force at
-            # any joint does nearly the same.
-            named = locations(belief, free)[0].at if belief.causes else ""
-            at = named if named in latent.forces else max(joints, key=lambda k: joints[k])
-            missing = MissingForce(self.subject, baseline.fitted, latent, at.partition(":")[2], self.scale)
+        if law is not None and verdict != "none" and belief.unknown > DOUBTED:
+            free = self.whereabouts(law, model_free)
+        missing = None if verdict == "none" else self.trace(baseline.fitted, latent, belief, free)
         also: dict[tuple[str, ...], list[list[str]]] = {}
         fitted = {c.names: c for c in causes}
         if verdict != "none":
@@ -325,7 +325,8 @@ class _Inquiry:
         following = None
         if verdict != "none":
             self.tell("choosing the next experiment")
-            following = next_experiment(self.subject, belief, self.scale / np.sqrt(soft))
+            unknown_at = locations(belief, free)[0].at if verdict == "unknown" and free else ""
+            following = next_experiment(self.subject, belief, self.scale / np.sqrt(soft), unknown_at)
         guessed = told(self.study.mechanism, best.fitted.choice.parameters)
         said, spent_s = [*guessed, *self.warnings_of(verdict, shrunk)], time.perf_counter() - self.began
         made = make_report(
@@ -337,11 +338,34 @@ class _Inquiry:
             made, self.subject, baseline, best, belief, free, missing, tuple(first), tuple(after), self.scale
         )
 
-    def unknown_about(self, cause: Cause, soft: float) -> dict[str, float]:
-        """Log evidence of laws of unknown form, to first order about a cause's motion."""
-        raw = forces(cause.fitted.subject, cause.fitted, SAME)
-        near = responses(cause.fitted.subject, cause.fitted, raw)
-        return unknown_evidence(cause.fitted, near, raw, self.scale / np.sqrt(soft))
+    def trace(self, drawn: Fitted, latent: Latent, belief: Belief, free: Mapping[str, float]) -> Trace | None:
+        """What the drawing misses against time: where a cause is named at a joint, a force there, because in a linkage
+        of one freedom a force at any joint does nearly the same; of the world, a motion of the base.
+        """
+        named = locations(belief, free)[0].at if belief.causes or free else ""
+        if named == WORLD and self.subject.axes:
+            moved = base_response(self.subject, drawn)
+            if moved.any():
+                return missing_motion(self.subject, drawn, moved, self.scale)
+        if not latent.forces:
+            return None
+        at = named if named in latent.forces else max(latent.forces, key=lambda place: free.get(place, 0.0))
+        return missing_force(self.subject, drawn, latent, at, self.scale)
+
+    def unknown_about(self, cause: Cause) -> Unknown:
+        """Laws of unknown form, to first order about a cause's motion."""
+        subject, raw = cause.fitted.subject, forces(cause.fitted.subject, cause.fitted, SAME)
+        return unknown_about(cause.fitted, responses(subject, cause.fitted, raw), raw)
+
+    def whereabouts(self, unknown: Unknown, log_z: Mapping[str, float]) -> dict[str, float]:
+        """How probably what is unknown lies at each place, among them a base that moves, in units of what the place
+        that explains most leaves: a named cause far off would blur them all.
+        """
+        fitted = unknown.fitted
+        likeliest = sorted((at for at in log_z if at.startswith("joint:")), key=lambda at: -log_z[at])[:JOINTS]
+        joints = [at.partition(":")[2] for at in likeliest]
+        finer = unknown.finer(finer_responses(fitted.subject, fitted, joints))
+        return shares(finer.log_z(self.scale / np.sqrt(finer.softness())))
 
     def on_the_way(self, best: Cause, exact: bool) -> list[Cause]:
         """Smaller sets on the way to one that does not fit: where several effects at once imitate something, what they

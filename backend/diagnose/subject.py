@@ -20,6 +20,7 @@ from backend.diagnose.noise import Noise, estimate
 from backend.diagnose.probe import Probe, with_drives
 from backend.diagnose.settled import lying
 from backend.fit.free import FreeParameter
+from backend.fit.measured import AXES
 from backend.fit.prediction import addresses_of
 from backend.mechanism.constraints import drawn, size_m
 from backend.mechanism.effect import Effect
@@ -29,7 +30,7 @@ from backend.mechanism.mobility import rank_at
 from backend.mechanism.study import Study
 from backend.model.build import build
 from backend.model.model import Address, Model
-from backend.simulate.record import series_of
+from backend.simulate.record import BASE, series_of
 
 UNKNOWN = "unknown@"  # ids of the drives that stand for what is not in the library
 WAVES = (12, 48)  # fewest and most bumps in time of an unknown drive
@@ -92,6 +93,7 @@ class Subject:
     """Experiments to learn from and to test on. neutral: every parameter of the library as drawn.
 
     joints: where something unknown may act: a force; of a joint that is told how to move (`told`) a motion beside that.
+    axes: along which a base that moves would be seen. Both drive the last columns of every record, in this order.
     """
 
     mechanism: Mechanism
@@ -104,6 +106,7 @@ class Subject:
     step_s: float
     joints: tuple[str, ...]
     told: frozenset[str] = frozenset()
+    axes: tuple[str, ...] = ()
     kept: Kept = field(default_factory=Kept)
     slopes: dict[str, list[tuple[np.ndarray, Any]]] = field(default_factory=dict)
 
@@ -177,8 +180,6 @@ def prepare(
     library = with_cameras(library, cameras)
     neutral = np.array(library.neutral)
     turning = {j.id: j.type != "prismatic" for j in study.mechanism.joints}
-    driven: tuple[Address, ...] = tuple((UNKNOWN + j, "torque_n_m" if turning[j] else "force_n") for j in pushed)
-    driven += tuple(told.values())
 
     def probe(experiment) -> Probe:
         given = model.overridden(experiment.overrides)
@@ -186,6 +187,12 @@ def prepare(
         return Probe.of(experiment, model, own, step_s)
 
     fit, held = [probe(e) for e in study.fit], [probe(e) for e in study.held_out]
+    axes = tuple(sorted({c.coordinate[0] for p in fit for c in p.data.channels if c.coordinate in AXES}))
+    driven: tuple[Address, ...] = (
+        *((UNKNOWN + j, "torque_n_m" if turning[j] else "force_n") for j in pushed),
+        *told.values(),
+        *((BASE, axis) for axis in axes),
+    )
     frame = tuple(
         _few_sizes(max(sizes), floor)
         for sizes, floor in zip(zip(*(p.frame for p in (*fit, *held)), strict=True), FLOOR, strict=True)
@@ -198,12 +205,14 @@ def prepare(
         setting = p.framed(*frame)
         p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))
     if noise is not None:
-        return Subject(study.mechanism, library, model, fit, held, *noise, step_s, joints, frozenset(told), kept)
+        return Subject(study.mechanism, library, model, fit, held, *noise, step_s, joints, frozenset(told), axes, kept)
     every = estimate([p.data for p in (*fit, *held)])
     mine, theirs = (
         Noise(every.sigma[part], every.memory, every.keep[part]) for part in (slice(len(fit)), slice(len(fit), None))
     )
-    return Subject(study.mechanism, library, model, fit, held, mine, theirs, step_s, joints, frozenset(told), kept)
+    return Subject(
+        study.mechanism, library, model, fit, held, mine, theirs, step_s, joints, frozenset(told), axes, kept
+    )
 
 
 def _few_sizes(count: int, floor: int) -> int:

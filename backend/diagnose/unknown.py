@@ -8,8 +8,8 @@ handful of columns with sizes that are not known beforehand, and pays for them i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -21,40 +21,82 @@ from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.flutter import flutters, waves
 from backend.diagnose.latent import Beside, Latent, evidence, log_mean, markers_and_axes, warp
 from backend.diagnose.screen import library_slopes
+from backend.diagnose.softness import softness
 from backend.diagnose.subject import SAME, bumps_at
 
 CREEP = 0.05  # of the fastest speed: where a law may turn over as dry friction does
 CLOCK = 3  # powers of time by which a clock may run wrong
 RIDGE = 1e-6
+SILENT = 1e-9  # of all columns together: what moves so little says nothing
 HATS = 10  # bumps over what a joint passes through, or over its speeds
 
 
-def unknown_evidence(
-    fitted: Fitted, latent: Latent, raw: Sequence[Float[np.ndarray, "samples joints waves"]], scale: float
-) -> dict[str, float]:
-    """Log evidence of something unknown at each place instead of a fit's causes, by place.
+@dataclass(frozen=True)
+class Way:
+    """In which something unknown may act at a place: whitened responses to what it is made of.
 
-    raw: responses to forces about the fit's own motion. The causes' share of the motion is put back, to first order
+    law: whether it is a law of a few terms, and not against time; few: a law that may have a few of its terms alone.
+    """
+
+    L: Float[np.ndarray, "n terms"]
+    law: bool = False
+    few: bool = False
+
+    def evidence(self, bare: Fitted, scale: float) -> float:
+        """Log evidence of it beside a fit, had all sigmas been larger by `scale`."""
+        L = self.L / np.maximum(np.linalg.norm(self.L, axis=0), 1e-300)
+        if self.law:
+            return _law_evidence(bare, L, self.few)
+        return log_mean(evidence(bare, self.L / (scale * float(np.median(np.linalg.norm(self.L, axis=0))))))
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """What is unknown, place by place, to first order about a fit. bare: that fit, with its causes' share put back."""
+
+    fitted: Fitted
+    bare: Fitted
+    ways: dict[str, list[Way]]
+
+    def log_z(self, scale: float) -> dict[str, float]:
+        """Log evidence of something unknown at each place instead of the fit's causes, by place."""
+        bare = scaled(self.bare, scale)
+        return {at: log_mean([way.evidence(bare, scale) for way in ways]) for at, ways in self.ways.items()}
+
+    def finer(self, more: Mapping[str, Float[np.ndarray, "n bumps"]]) -> Unknown:
+        """With further ways against time."""
+        ways = {at: list(self.ways.get(at, [])) for at in (*self.ways, *more)}
+        for at, L in more.items():
+            if (moves := np.linalg.norm(L, axis=0) > SILENT * np.linalg.norm(L)).any():
+                ways[at].append(Way(L[:, moves]))
+        return replace(self, ways={at: some for at, some in ways.items() if some})
+
+    def softness(self) -> float:
+        """Weight of the likelihood where even the way that leaves least leaves more than noise: see `softness`."""
+        return max((softness(self._left(way)) for ways in self.ways.values() for way in ways), default=1.0)
+
+    def _left(self, way: Way) -> Fitted:
+        """What a way leaves, its terms as free as the fit."""
+        A = np.concatenate([self.bare.J, way.L], 1)
+        A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        size, *_ = np.linalg.lstsq(A, self.bare.r, rcond=1e-9)
+        return replace(self.bare, r=self.bare.r - A @ size, x=np.zeros(min(A.shape[1], self.bare.r.size - 1)))
+
+
+def unknown_about(fitted: Fitted, latent: Latent, raw: Sequence[Float[np.ndarray, "samples joints waves"]]) -> Unknown:
+    """raw: responses to forces about the fit's own motion. The causes' share of the motion is put back, to first order
     about that motion, and the unknown has to account for it.
     """
-    bare = scaled(without_causes(fitted), scale)
-    laws = laws_of(fitted, raw)
-    found = {}
-    for place in dict.fromkeys([*latent.places, *laws]):
-        ways = []
-        for few, L in laws.get(place, ()):
-            ways.append(_law_evidence(bare, L / scale, few))
-        if place in latent.places:
-            ways.append(log_mean(evidence(bare, latent.scaled(place) / scale)))
-        if ways:
-            found[place] = log_mean(ways)
-    return found
+    ways = {at: [Way(L, True, few) for few, L in laws] for at, laws in laws_of(fitted, raw).items()}
+    for at, L in latent.places.items():
+        ways.setdefault(at, []).append(Way(L))
+    return Unknown(fitted, without_causes(fitted), {at: some for at, some in ways.items() if some})
 
 
 def _law_evidence(bare: Fitted, L: Float[np.ndarray, "n terms"], few: bool) -> float:
-    """Of a law of all terms; few: or of one of them, or of two, whichever they are."""
+    """Of a law of all terms, each of unit length; few: or of one of them, or of two, whichever they are."""
     terms = range(L.shape[1])
-    beside = Beside.of(bare, L / np.maximum(np.linalg.norm(L, axis=0), 1e-300))
+    beside = Beside.of(bare, L)
     ways = [[list(terms)]]
     if few:
         ways += [[[k] for k in terms], [list(two) for two in combinations(terms, 2)]]

@@ -15,7 +15,7 @@ from backend.diagnose.inseparable import inseparable
 from backend.diagnose.screen import Screen
 from backend.diagnose.shrink import Shrinkage, gap_unit
 from backend.diagnose.subject import Subject
-from backend.diagnose.where import MissingForce, joint_gaps, locations, marker_gaps
+from backend.diagnose.where import Trace, joint_gaps, locations, marker_gaps
 from backend.diagnose.wrong_form import deviations, deviations_of_noise
 from backend.fit.guess import guesses
 from backend.mechanism.gap_names import acting, place_name
@@ -49,7 +49,7 @@ def make_report(
     about: Screen,
     aliases: Mapping[tuple[str, ...], list[list[str]]],
     model_free: Mapping[str, float],
-    missing: MissingForce | None,
+    missing: Trace | None,
     shrunk: Shrinkage | None,
     scale: float,
     softness: float,

@@ -1,14 +1,18 @@
-"""Where the gap lies, whatever causes it: unknown forces at one joint, or shifts of one marker or the whole picture."""
+"""Where the gap lies, whatever causes it: unknown forces at one joint, shifts of one marker or of the whole picture, a
+base that moves.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import Belief
+from backend.diagnose.finer import WORLD, displacement, knots
 from backend.diagnose.fitted import Fitted
 from backend.diagnose.latent import SIZES, Latent, evidence, log_mean, posterior
 from backend.diagnose.subject import Subject, bumps_at
@@ -16,6 +20,7 @@ from backend.mechanism.gap_report import JointGap, Location, MarkerGap, Phase
 
 LOUD = 3.0  # sd: what of a missing force is told as a stretch of time
 MOST = 8  # stretches
+TIMES = 200  # at which a trace is told
 FAINTEST = 1e-6  # of the likeliest place: what is less likely is not listed
 
 
@@ -51,33 +56,19 @@ def locations(belief: Belief, model_free: Mapping[str, float]) -> list[Location]
     return [Location(at=at, probability=p / total) for at, p in ranked]
 
 
-class MissingForce:
-    """Unknown force at one joint against time, in each experiment [N m or N], with its sd; of a joint that is told how
-    to move, an unknown motion beside that [rad or m].
+@dataclass(frozen=True)
+class Trace:
+    """What is missing at a place against time, if it is missing there: of each experiment the times since its release,
+    the mean and its sd, in `unit`. along: the axis of W, where it has one.
     """
 
-    def __init__(self, subject: Subject, fitted: Fitted, latent: Latent, joint: str, scale: float):
-        place = f"joint:{joint}"
-        L = latent.scaled(place) / scale
-        own = scaled(fitted, scale)
-        size = float(SIZES[int(np.argmax(evidence(own, L)))])
-        mean, C = posterior(own, L, size)
-        slide = subject.model.topology.joint_types[subject.model.topology.joint_ids.index(joint)] == "prismatic"
-        turning, sliding = ("rad", "m") if joint in subject.told else ("N m", "N")
-        self.joint, self.unit = joint, sliding if slide else turning
-        self.series: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-        at, unit = 0, latent.unit[place]
-        counts = _counts(latent.places[place], fitted.rows)
-        for probe, count in zip(fitted.probes, counts, strict=True):
-            time = np.linspace(0.0, probe.duration_s * fitted.fraction, 200)
-            shape = bumps_at(time, probe.duration_s, probe.bumps.shape[1])[:, :count] * unit
-            part = slice(at, at + count)
-            sd = np.sqrt(np.maximum(np.sum((shape @ C[part, part]) * shape, 1), 0.0))
-            self.series[probe.experiment.id] = (time, shape @ mean[part], sd)
-            at += count
+    at: str
+    unit: str
+    series: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    along: str = ""
 
     def phases(self) -> list[Phase]:
-        """Stretches in which the missing force stands out of its band: the largest, in the order of time."""
+        """Stretches in which it stands out of its band: the largest, in the order of time."""
         found = []
         for experiment, (time, mean, sd) in self.series.items():
             loud = np.abs(mean) > LOUD * np.maximum(sd, 1e-300)
@@ -85,13 +76,56 @@ class MissingForce:
             for a, b in zip(edges[::2], edges[1::2], strict=True):
                 found.append(
                     Phase(
-                        experiment=experiment, at=f"joint:{self.joint}", start_s=float(time[a]),
-                        end_s=float(time[b - 1]), missing=float(np.mean(mean[a:b])), sd=float(np.mean(sd[a:b])),
-                        unit=self.unit,
+                        experiment=experiment, at=self.at, start_s=float(time[a]), end_s=float(time[b - 1]),
+                        missing=float(np.mean(mean[a:b])), sd=float(np.mean(sd[a:b])), unit=self.unit,
                     )
                 )  # fmt: skip
         largest = sorted(range(len(found)), key=lambda i: -abs(found[i].missing) * (found[i].end_s - found[i].start_s))
         return [found[i] for i in sorted(largest[:MOST])]
+
+
+def missing_force(subject: Subject, fitted: Fitted, latent: Latent, place: str, scale: float) -> Trace:
+    """Unknown force at `joint:ID` [N m or N]; of a joint that is told how to move, an unknown motion [rad or m]."""
+    joint = place.partition(":")[2]
+    mean, C = _likeliest(fitted, latent.scaled(place), scale)
+    slide = subject.model.topology.joint_types[subject.model.topology.joint_ids.index(joint)] == "prismatic"
+    turning, sliding = ("rad", "m") if joint in subject.told else ("N m", "N")
+    series: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+    at = 0
+    for probe, count in zip(fitted.probes, _counts(latent.places[place], fitted.rows), strict=True):
+        time = np.linspace(0.0, probe.duration_s * fitted.fraction, TIMES)
+        shape = bumps_at(time, probe.duration_s, probe.bumps.shape[1])[:, :count] * latent.unit[place]
+        part = slice(at, at + count)
+        series[probe.experiment.id] = (time, shape @ mean[part], _sd(shape, C[part, part]))
+        at += count
+    return Trace(place, sliding if slide else turning, series)
+
+
+def missing_motion(subject: Subject, fitted: Fitted, L: Float[np.ndarray, "n bumps"], scale: float) -> Trace:
+    """Unknown motion of the base [m], along the axis of W along which it moves most. L: see `base_response`."""
+    unit = 1.0 / float(np.median(np.linalg.norm(L, axis=0)))
+    mean, C = _likeliest(fitted, L * unit, scale)
+    found: dict[str, dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]] = {axis: {} for axis in subject.axes}
+    at = 0
+    for probe in fitted.probes:
+        time = np.linspace(0.0, probe.duration_s * fitted.fraction, TIMES)
+        shape = displacement(time, knots(subject, probe)) * unit
+        for axis in subject.axes:
+            part = slice(at, at + shape.shape[1])
+            found[axis][probe.experiment.id] = (time, shape @ mean[part], _sd(shape, C[part, part]))
+            at += shape.shape[1]
+    along = max(found, key=lambda axis: sum(float(np.sum((m / s.max()) ** 2)) for _, m, s in found[axis].values()))
+    return Trace(WORLD, "m", found[along], along)
+
+
+def _likeliest(fitted: Fitted, L: Float[np.ndarray, "n bumps"], scale: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of bumps of the size that has most evidence."""
+    own, L = scaled(fitted, scale), L / scale
+    return posterior(own, L, float(SIZES[int(np.argmax(evidence(own, L)))]))
+
+
+def _sd(shape: Float[np.ndarray, "t bumps"], C: Float[np.ndarray, "bumps bumps"]) -> Float[np.ndarray, " t"]:
+    return np.sqrt(np.maximum(np.sum((shape @ C) * shape, 1), 0.0))
 
 
 def _counts(L: Float[np.ndarray, "n bumps"], rows: Sequence[slice]) -> list[int]:

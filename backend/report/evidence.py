@@ -130,9 +130,10 @@ class Missing:
 class GapEvidence:
     """A diagnosis and what its pictures are drawn from.
 
-    pose: one instant, at the release of the first fitted experiment. missing: at joint `missing_at`, in `missing_unit`,
-    one an experiment. channels: of one experiment, after: with the best cause; set_aside: how many of its samples were
-    found to be wrong and are left out. overlays: motions to be played back, after: with the best cause.
+    pose: one instant, at the release of the first fitted experiment. missing: at the place `missing_at`, in
+    `missing_unit`, along `missing_along` where that is an axis of W, one an experiment. channels: of one experiment,
+    after: with the best cause; set_aside: how many of its samples were found to be wrong and are left out. overlays:
+    motions to be played back, after: with the best cause.
     """
 
     mechanism: Mechanism
@@ -141,6 +142,7 @@ class GapEvidence:
     missing: tuple[Missing, ...] = ()
     missing_at: str = ""
     missing_unit: str = "N m"
+    missing_along: str = ""
     channels: tuple[Channel, ...] = ()
     set_aside: int = 0
     overlays: tuple[Overlay, ...] = ()

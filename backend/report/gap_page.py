@@ -56,7 +56,7 @@ def write_gap_page(evidence: GapEvidence, path: str | Path) -> Path:
         places=[Bar(place_name(p.at), p.probability) for p in places],
         forces=missing_forces(evidence),
         force_kind=force_kind(evidence),
-        force_at=evidence.missing_at,
+        force_at=place_name(evidence.missing_at),
         force_trust=_model_free(evidence),
         causes=list(causes(report)),
         others=sum(c.probability < LEAST for c in report.causes),
@@ -149,10 +149,10 @@ def missing_forces(evidence: GapEvidence) -> list[Chart]:
     high = max(float(np.max(m.mean + 2 * m.sd)) for m in shown_)
     unit, factor = prefixed(max(abs(low), abs(high)), evidence.missing_unit)
     kind = force_kind(evidence)
-    place = f"joint:{evidence.missing_at}"
+    place = evidence.missing_at
     return [
         Chart(
-            f"{m.experiment}: {kind} missing at {evidence.missing_at}",
+            f"{m.experiment}: {kind} missing at {place_name(place)}",
             "time after release [s]",
             f"missing {kind} [{unit}]",
             [Series("most probable", m.time_s, factor * m.mean, "after")],
@@ -173,11 +173,11 @@ def _model_free(evidence: GapEvidence) -> str:
     shares = {p.at: p.probability for p in evidence.report.where.model_free}
     if not shares:
         return ""
-    share = shares.get(f"joint:{evidence.missing_at}", 0.0)
+    share = shares.get(evidence.missing_at, 0.0)
     sure = percent(share).replace(" ", KEPT)
     said = f"Judged without the library, by unknown forces and shifts alone, the gap lies here with {sure}"
     named = evidence.report.suspected[0].at if evidence.report.suspected else ""
-    if share < DOUBTFUL and named == f"joint:{evidence.missing_at}":
+    if share < DOUBTFUL and named == evidence.missing_at:
         likeliest = max(shares, key=lambda at: shares[at])
         return (
             f"The library's explanation acts here. Unknown forces and shifts alone would rather lie at "
@@ -190,8 +190,11 @@ def _model_free(evidence: GapEvidence) -> str:
 
 
 def force_kind(evidence: GapEvidence) -> str:
-    """What can be missing along a joint's own axis or about it; of one that is told how to move, a motion."""
-    return {"N": "force", "N m": "torque"}.get(evidence.missing_unit, "motion")
+    """What can be missing along a joint's own axis or about it; of one that is told how to move, or of the base, a
+    motion.
+    """
+    what = {"N": "force", "N m": "torque"}.get(evidence.missing_unit, "motion")
+    return f"{what} along {evidence.missing_along}" if evidence.missing_along else what
 
 
 def compared(channel: Channel, report: GapReport) -> Chart:

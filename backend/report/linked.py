@@ -79,7 +79,10 @@ def gap_pictures(evidence: GapEvidence) -> Pictures:
     ]
     charts += [
         Linked(
-            chart, f"What is missing at joint {evidence.missing_at}", one.experiment, release.get(one.experiment, 0.0)
+            chart,
+            f"What is missing at {place_name(evidence.missing_at)}",
+            one.experiment,
+            release.get(one.experiment, 0.0),
         )
         for one, chart in zip(evidence.missing, gap_page.missing_forces(evidence), strict=False)
     ]

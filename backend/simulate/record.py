@@ -13,6 +13,9 @@ from backend.model.model import Address, Model
 from backend.model.placed import Placed
 from backend.model.system import System
 
+BASE = "@base"
+"""Effect, in an address, that stands for an acceleration of the base along an axis of W, `x` to `z` [m/s²]."""
+
 
 class Record(eqx.Module):
     """Drive values for every step; column i belongs to addresses[i]."""
@@ -110,6 +113,8 @@ def mean_value(times: np.ndarray, values: np.ndarray, start: np.ndarray, end: np
 
 
 def _with_value(system: System, effect: str, name: str, value: Array) -> System:
+    if effect == BASE:
+        return accelerated(system, jnp.eye(3)["xyz".index(name)] * value)
     for field in ("forces", "efforts", "motions"):
         groups: tuple[Placed, ...] = getattr(system, field)
         for index, group in enumerate(groups):
@@ -117,3 +122,8 @@ def _with_value(system: System, effect: str, name: str, value: Array) -> System:
                 leaf = getattr(group.effect, name).at[group.ids.index(effect)].set(value)
                 return eqx.tree_at(lambda s, f=field, i=index: getattr(getattr(s, f)[i].effect, name), system, leaf)
     raise KeyError(f"'{effect}.{name}' is not a drive of this system")
+
+
+def accelerated(system: System, acceleration: Float[Array, "3"]) -> System:
+    """The system in the frame of a base with this acceleration in W [m/s²]: weight takes it off."""
+    return eqx.tree_at(lambda s: s.forces[0].effect.gravity_m_per_s2, system, replace_fn=lambda g: g - acceleration)

@@ -19,7 +19,7 @@ from backend.simulate.law import Impulses
 from backend.simulate.loop import loop
 from backend.simulate.momentum import instantaneous
 from backend.simulate.piece import Piece
-from backend.simulate.record import Record
+from backend.simulate.record import Record, accelerated
 from backend.simulate.slopes import varied
 from backend.simulate.step import SOLUTION, Solved, step
 
@@ -249,7 +249,7 @@ def shaken(system: System, time_s: Array) -> System:
     if not system.bases:
         return system
     acceleration = sum((base.acceleration(time_s) for placed in system.bases for base in placed.each()), jnp.zeros(3))
-    return eqx.tree_at(lambda s: s.forces[0].effect.gravity_m_per_s2, system, replace_fn=lambda g: g - acceleration)
+    return accelerated(system, acceleration)
 
 
 class _Attempt(NamedTuple):
