@@ -312,7 +312,7 @@ class _Inquiry:
         free = shares(model_free)
         if law is not None and verdict != "none" and belief.unknown > DOUBTED:
             free = self.whereabouts(law, model_free)
-        missing = None if verdict == "none" else self.trace(baseline.fitted, latent, belief, free)
+        missing = None if verdict == "none" else self.trace(verdict, baseline.fitted, latent, belief, free)
         also: dict[tuple[str, ...], list[list[str]]] = {}
         fitted = {c.names: c for c in causes}
         if verdict != "none":
@@ -338,12 +338,15 @@ class _Inquiry:
             made, self.subject, baseline, best, belief, free, missing, tuple(first), tuple(after), self.scale
         )
 
-    def trace(self, drawn: Fitted, latent: Latent, belief: Belief, free: Mapping[str, float]) -> Trace | None:
+    def trace(
+        self, verdict: str, drawn: Fitted, latent: Latent, belief: Belief, free: Mapping[str, float]
+    ) -> Trace | None:
         """What the drawing misses against time: where a cause is named at a joint, a force there, because in a linkage
-        of one freedom a force at any joint does nearly the same; of the world, a motion of the base.
+        of one freedom a force at any joint does nearly the same; where something unknown lies in the world, a motion of
+        the base.
         """
         named = locations(belief, free)[0].at if belief.causes or free else ""
-        if named == WORLD and self.subject.axes:
+        if named == WORLD and verdict == "unknown":
             moved = base_response(self.subject, drawn)
             if moved.any():
                 return missing_motion(self.subject, drawn, moved, self.scale)

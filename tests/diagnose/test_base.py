@@ -82,6 +82,8 @@ def test_a_table_that_gives_is_a_gap_of_the_world_and_its_motion_is_told():
     assert report.where.locations[0].at == "world"
     assert report.where.locations[0].probability > 0.9
     assert {(p.at, p.unit) for p in report.where.phases} == {("world", "m")}
+    assert report.next_experiment is not None
+    assert "clamp the base" in report.next_experiment.do
     assert found.missing is not None
     assert found.missing.along == "x"
     for i, table in enumerate(tables[:2]):

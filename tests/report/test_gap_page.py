@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -156,7 +156,7 @@ def test_the_page_is_whole_fetches_nothing_and_is_small(told):
 
 def test_the_page_shows_one_panel_of_missing_torque_for_each_fitted_run(told):
     for experiment in ("e0", "e1"):
-        assert told.page.html.count(f'aria-label="{experiment}: torque missing at pin"') == 1
+        assert told.page.html.count(f'aria-label="{experiment}: torque missing at joint pin"') == 1
     assert "missing torque [mN m]" in told.page.text
 
 
@@ -200,7 +200,29 @@ def evidence(**changed) -> GapEvidence:
     measured = 0.2 * np.sin(6 * t)
     seen = Channel("e1", "held_out", "marker:tip", "z", "m", t, measured, 1.02 * measured, measured + 1e-4, 1e-4, 0.1)
     missing = Missing("e0", t, -4e-4 * np.sin(6 * t), np.full(101, 2e-5))
-    return GapEvidence(parse_mechanism(DRAWING), report(**changed), pose, (missing,), "pin", "N m", (seen,))
+    return GapEvidence(
+        parse_mechanism(DRAWING), report(**changed), pose, (missing,), "joint:pin", "N m", channels=(seen,)
+    )
+
+
+def test_a_base_that_moves_is_told_in_millimetres_along_its_axis(tmp_path):
+    t = np.linspace(0.0, 1.0, 101)
+    moved = Missing("e0", t, 4e-3 * np.sin(20 * t), np.full(101, 1e-4))
+    where = {"locations": [{"at": "world", "probability": 1.0}], "model_free": [{"at": "world", "probability": 1.0}],
+             "phases": [{"experiment": "e0", "at": "world", "start_s": 0.2, "end_s": 0.3, "missing": 3e-3, "sd": 1e-4,
+                         "unit": "m"}]}  # fmt: skip
+    shown_ = replace(
+        evidence(verdict="unknown", where=where),
+        missing=(moved,),
+        missing_at="world",
+        missing_unit="m",
+        missing_along="x",
+    )
+    page = page_of(shown_, tmp_path)
+    assert "What is missing at the world around it, against time" in page.text
+    assert page.html.count('aria-label="e0: motion along x missing at the world around it"') == 1
+    assert "missing motion along x [mm]" in page.text
+    assert "not noise" in page.html
 
 
 def page_of(made: GapEvidence, folder: Path) -> Page:
@@ -223,7 +245,7 @@ def test_a_place_is_as_orange_as_it_is_probable_and_the_camera_is_told_beside(tm
 
 def test_a_stretch_of_missing_torque_is_shaded_where_it_begins_and_ends(tmp_path):
     page = page_of(evidence(), tmp_path)
-    chart = page.html[page.html.index('aria-label="e0: torque missing at pin"') :]
+    chart = page.html[page.html.index('aria-label="e0: torque missing at joint pin"') :]
     left, right = (float(x) for x in re.search(r'data-range="([^,]*),([^,]*)', chart).groups())
     x, width = (float(v) for v in re.search(r'class="stretch" x="([\d.]*)" y="12" width="([\d.]*)"', chart).groups())
     columns = 520 - 66 - 10  # px between the margins
