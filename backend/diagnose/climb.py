@@ -1,55 +1,40 @@
-"""How many causes: one more effect at a time while the data bear it, then sets gone back on, then what switches on."""
+"""How many causes: one more effect at a time while the data bear it, then sets gone back on."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
-from backend.diagnose.candidate import Candidate
+from backend.diagnose.beyond_smooth import AbstractBeyondSmooth
 from backend.diagnose.cause import Cause
-from backend.diagnose.closer import closer, coming_up
-from backend.diagnose.ends import stopping_alike
-from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library, rubs_dry
+from backend.diagnose.recombined import recombined
 from backend.diagnose.same_motion import complete, elsewhere
 from backend.diagnose.softness import softness
-from backend.diagnose.standards import NOTHING, SURE, WORTH, AbstractStandards
-from backend.diagnose.subject import prepare
-from backend.diagnose.switch import let_go
-from backend.diagnose.switched import switching
+from backend.diagnose.standards import SURE, WORTH
 from backend.diagnose.where import place_evidence, shares
-from backend.diagnose.which import LEADERS, PARTNERS, Search
-from backend.mechanism.study import Study, driven_effects
+from backend.diagnose.which import LEADERS, PARTNERS
 
 DEEPEST = 4  # effects in one explanation
-IN_THE_PICTURE = 0.99  # probability of camera and markers beyond which no effect that switches on is tried
-UNREAD = 25.0  # noise variances a sample: so much left is far from linear, and shifts follow it as well as forces
 BEYOND_DOUBT = 0.99
-FAINT = 200.0  # sum of squares, in noise variances, that a cause takes off: so little is soon imitated
-WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
 MOST_GONE = 0.1  # of the gap's power: of a cause that leaves no more, others that do the same are sought too
 PLAIN = 8  # sets of a size, the likeliest, that may do for a larger one
 TELLING = 0.7  # of the power that is left: a set that leaves no less than this of another's tells little more
-MOST = 0.5  # one more effect must leave at most this share of the power where the law of blows would excuse it
 
 
 @dataclass
-class Climb(AbstractStandards):
-    """From the drawing as it is to the best set of causes. without: kinds that the library leaves out. large: whether
-    more effects at once earned their place than a diagnosis may be sure of.
+class Climb(AbstractBeyondSmooth):
+    """From the drawing as it is to the best set of causes. large: whether more effects at once earned their place than
+    a diagnosis may be sure of.
     """
 
-    study: Study
-    rng: np.random.Generator
-    without: frozenset[str]
-
     def __post_init__(self):
-        self.searches = {id(self.search.subject): self.search}
+        super().__post_init__()
         self.large = False
 
     def smooth(self, singles: list[Cause]) -> tuple[Cause, Adequacy]:
@@ -88,7 +73,7 @@ class Climb(AbstractStandards):
             best, found = self._narrowed(best, found)
         if len(best.candidates) <= SURE and best.fitted.fraction == 1.0 and elsewhere(self.search, best):
             best, found = self._likelier_than(best, found)
-        return best, found
+        return self._recombined(best, found)
 
     def _place(self, top: Cause) -> str | None:
         """Where what a cause leaves lies beyond doubt."""
@@ -123,199 +108,12 @@ class Climb(AbstractStandards):
         judged = self._judged(top, self.searches[id(top.fitted.subject)])
         return judged if self.enough(judged[1]) or not self.enough(found) else self._judged(best)
 
-    def switching(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """Where nothing smooth is enough or follows whole records, or held-out experiments refuse it: stops, play,
-        bending and friction that grows with load, family by family.
-        """
-        best, last = self._or_load(best, last)
-        refused, lost = self.refused(best), best.fitted.fraction < 1.0
-        if not (refused or lost) and (self.enough(last) or self._little(best, last, 1)):
-            return self._or_play(best, last)
-        if refused:
-            self._tell(f"held-out experiments refuse {' + '.join(best.names)}")
-        best, last = self._tuned(best, last)
-        if self._settled(best, last):
+    def _recombined(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """A pair, or one of members of the likeliest pairs where it is not enough or held-out experiments refuse it."""
+        if len(best.candidates) != SURE or (self.enough(last) and not self.refused(best)) or self._cancelled():
             return best, last
-        asked = self._asked_of(best, last, refused, lost)
-        motion, alone = let_go(self.baseline.fitted) if asked else {}, self._best_alone()
-        for family in asked:
-            if self._cancelled():
-                break
-            self._tell(f"trying {family.replace('_', ' ')}")
-            search = self._search_of(family)
-            if search is None:
-                continue
-            self.searches[id(search.subject)] = search
-            for cause in switching(search, self.baseline, family, motion, best):
-                self.search.tried[cause.names] = cause
-                if self._likelier(cause, best):
-                    best, last = self._judged(cause, search)
-            best, last = self._closer(best, last, search)
-            if search.tried.get(best.names) is best:
-                best, last = self._closer(*self._joined(best, last, search), search)
-            elif self._settled(best, last):
-                break
-            elif len(best.candidates) <= SURE:
-                for beside in self._besides(best, alone):
-                    for cause in switching(search, self.baseline, family, motion, best, beside)[:1]:
-                        self.search.tried[cause.names] = cause
-                        cause, judged = self._judged(cause, search)
-                        if self._accepted(cause, best, judged, last):
-                            best, last = self._closer(cause, judged, search)
-                    if self._settled(best, last):
-                        break
-            if self._settled(best, last):
-                break
-        return best, last
-
-    def _or_load(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """The best set, or one with friction that grows with load in place of its dry friction: where loads change
-        little the one does what the other does, and neither stands in the other's model.
-        """
-        dry = [c for c in best.candidates if rubs_dry(c.kind)]
-        if LOAD not in families(self.without) or not dry or len(best.candidates) > SURE or self._cancelled():
-            return best, last
-        rest = next((c for c in best.candidates if c is not dry[0]), None)
-        beside = self._single(best, rest) if rest is not None else None
-        search = self._search_of(LOAD)
-        if search is None or (rest is not None and beside is None):
-            return best, last
-        self.searches[id(search.subject)] = search
-        for cause in switching(search, self.baseline, LOAD, {}, best, beside):
-            self.search.tried[cause.names] = cause
-            if self._likelier(cause, best):
-                best, last = self._judged(cause, search)
-        return best, last
-
-    def _or_play(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """What is enough, or play: of a faint gap, play is what a clock or a length may imitate to within the noise."""
-        gain = self.baseline.fitted.chi2 - best.fitted.chi2
-        if self.search.followed < 1.0 or not 0.0 < gain < FAINT * self.scale**2:
-            return best, last
-        for family in sorted(PLAYS & set(families(self.without))):
-            search = None if self._cancelled() else self._search_of(family)
-            if search is None:
-                continue
-            self.searches[id(search.subject)] = search
-            for cause in switching(search, self.baseline, family, {}, best):
-                self.search.tried[cause.names] = cause
-                if self._likelier(cause, best):
-                    best, last = self._judged(cause, search)
-        return best, last
-
-    def _tuned(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """The best set, or a cause that no slope leads to: alone, or beside the likeliest single one, or beside another
-        that the same motion shows once it is there.
-        """
-        beside = self._best_alone()
-        for cause in self.search.tuning(self.baseline, best):
-            if self._likelier(cause, best):
-                best, last = self._joined(*self._judged(cause), self.search)
-        if beside is None or self._settled(best, last):
-            return best, last
-        for cause in self.search.tuning(beside, best):
-            cause, judged = self._judged(cause)
-            if self._accepted(cause, best, judged, last):
-                best, last = cause, judged
-                if not self._settled(best, last):
-                    best, last = self._exchanged(best, last, WORTH)
-        return best, last
-
-    def _closer(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
-        """The best set with walls as they come, where it is of this family, not enough as it is and likelier so, or
-        what needs only such walls and nothing beside them; sets that could come up with it so, and other ends of travel
-        that stop the motion alike, are asked as well.
-        """
-        if search.tried.get(best.names) is not best:
-            return best, last
-        better = best if self.enough(last) else closer(search, best)
-        if better is not best and len(best.candidates) > 1:  # what stood beside may have made up for walls too hard
-            fewer = [search.without(better, c) for c in better.candidates if c.family == SMOOTH]
-            better = max([better, *fewer], key=self._by_fit)
-        alike = stopping_alike(search, better)
-        if better is best and not alike:
-            return best, last
-        known = {c.names for c in (better, *alike)}
-        others = [c for c in search.tried.values() if c.names not in known]
-        found = [better, *alike, *coming_up(search, best, better, others)]
-        self.search.tried.update({c.names: c for c in found})
-        return self._judged(max(found, key=self._weight), search)
-
-    def _joined(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
-        """A cause that switches on, with a smooth one beside it where that earns its place. Where the law of blows
-        would excuse what is left, it must take most of it.
-        """
-        excused = self._settled(best, last)
-        if (excused and self.enough(last)) or len(best.candidates) >= SURE or self._cancelled():
-            return best, last
-        for cause in search.level([best], PARTNERS)[:1]:
-            cause, judged = self._judged(cause, search)
-            if self._better(cause, best, judged, last) and (
-                not excused or judged.power < MOST * max(last.power, NOTHING)
-            ):
-                self.search.tried[cause.names] = cause
-                return cause, judged
-        return best, last
-
-    def _asked_of(self, best: Cause, last: Adequacy, refused: bool, lost: bool) -> list[str]:
-        """Families of what switches on that could bear what a cause leaves. Friction that grows with load first: of
-        all these it is most like what is smooth, and needs no blows followed.
-
-        refused: by held-out experiments. lost: the motion, before the records end.
-        """
-        every = sorted(set(families(self.without)) - {SMOOTH}, key=lambda family: (family != LOAD, family))
-        if lost or (refused and self.enough(last)):  # nothing that is left here says where to look
-            return every
-        if not refused and last.excess * best.fitted.r.size < WORTH_A_TRY:
-            return []  # too little to bear another effect
-        places = shares(place_evidence(best.fitted, self.search.latent, self.scale))
-        if last.excess > UNREAD or _in_the_picture(places) < IN_THE_PICTURE:
-            return every
-        # What is left lies in the picture, not in the mechanism; but a mark drifts where its body's pin is loose, and
-        # all stand elsewhere before the release where pins lay aside.
-        return [f for f in every if f in PLAYS]
-
-    def _best_alone(self) -> Cause | None:
-        """The likeliest single cause that follows whole records."""
-        singles = [c for c in self.search.tried.values() if len(c.candidates) == 1 and c.fitted.fraction == 1.0]
-        return max(singles, key=self._by_fit, default=None)
-
-    def _besides(self, best: Cause, alone: Cause | None) -> list[Cause]:
-        """Single causes beside which one that switches on is tried: the likeliest, and each member of the best pair, of
-        which the other may only imitate what switches on.
-        """
-        found = [alone] if alone is not None else []
-        for member in best.candidates:
-            single = self._single(best, member)
-            if single is not None and single.names not in [c.names for c in found]:
-                found.append(single)
-        return [c for c in found if c.fitted.fraction == 1.0]
-
-    def _single(self, pair: Cause, member: Candidate) -> Cause | None:
-        """A member of a smooth pair alone, fitted where that was not done yet; None of one that is not smooth."""
-        known = self.search.tried.get((member.name,))
-        if known is not None or len(pair.candidates) != SURE or pair.fitted.subject is not self.search.subject:
-            return known
-        (other,) = (c for c in pair.candidates if c is not member)
-        return self.search.without(pair, other)
-
-    def _search_of(self, family: str) -> Search | None:
-        """The same experiments under another family's model; None where the mechanism has no place for it."""
-        every = library(self.study.mechanism, family, self.study.tolerances, self.without, driven_effects(self.study))
-        known = alike(every, self.search.subject.library)
-        if not any(c.family == family for c in known.candidates):
-            return None
-        mine = self.search.subject
-        subject = prepare(self.study, known, mine.step_s, (mine.noise, mine.held_noise), mine.kept)
-        for new, old in zip((*subject.fit, *subject.held_out), (*mine.fit, *mine.held_out), strict=True):
-            new.correction = old.correction
-        return Search(subject, self.search.tell, self.search.cancelled, self.search.latent)
-
-    def _judged(self, cause: Cause, search: Search | None = None) -> tuple[Cause, Adequacy]:
-        """A cause and what it leaves, with the responses to unknown forces taken about it."""
-        search = search or self.search
-        search.look_again(cause)
-        return cause, adequacy(cause.fitted, search.latent, self.rng)
+        likelier = [cause for cause in recombined(self.search, best) if self._likelier(cause, best)]
+        return self._judged(max(likelier, key=self._weight)) if likelier else (best, last)
 
     def _may_mislead(self, best: Cause) -> bool:
         """Whether the way to a set is worth going back: to a pair, or to three where the drawing loses the motion."""
@@ -408,14 +206,3 @@ class Climb(AbstractStandards):
             return False
         large, small = self.search.left(best, self.scale), self.search.left(plain, self.scale)
         return large is None or small is None or TELLING * max(small.excess, 0.0) <= max(large.excess, 0.0)
-
-    def _tell(self, words: str) -> None:
-        self.search.tell(words)
-
-    def _cancelled(self) -> bool:
-        return self.search.cancelled()
-
-
-def _in_the_picture(places: Mapping[str, float]) -> float:
-    """Share of what is left that lies in markers and camera, which no effect of the mechanism could bear."""
-    return sum(share for place, share in places.items() if place == "camera" or place.startswith("marker:"))

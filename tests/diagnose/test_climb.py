@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from backend.diagnose import climb as module
+from backend.diagnose import beyond_smooth as module
+from backend.diagnose import climb as sets
 from backend.diagnose import closer as nearest
 from backend.diagnose.climb import Climb
 from backend.diagnose.which import Search
@@ -78,10 +79,10 @@ def test_where_no_form_is_right_the_most_probable_set_is_the_answer(monkeypatch,
     )
     climb.at_base, climb.scale = SimpleNamespace(power=100.0), 1.0
     climb.search = SimpleNamespace(tried={first.names: first, likelier.names: likelier})
-    monkeypatch.setattr(module, "complete", lambda search, best, scale: [alias] if scale == 2.0 else [])
+    monkeypatch.setattr(sets, "complete", lambda search, best, scale: [alias] if scale == 2.0 else [])
     climb.searches = {id(subject): climb.search}
-    monkeypatch.setattr(module, "scaled", lambda fitted, scale: fitted)
-    monkeypatch.setattr(module, "softness", lambda fitted: 0.25)
+    monkeypatch.setattr(sets, "scaled", lambda fitted, scale: fitted)
+    monkeypatch.setattr(sets, "softness", lambda fitted: 0.25)
     monkeypatch.setattr(climb, "_most_probable", lambda best, worth, size: likelier)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, left))
     assert climb.confirmed(first, SimpleNamespace(excess=1.7, power=power)) == (likelier, left)
