@@ -28,6 +28,7 @@ CREEP = 0.05  # of the fastest speed: where a law may turn over as dry friction 
 CLOCK = 3  # powers of time by which a clock may run wrong
 RIDGE = 1e-6
 SILENT = 1e-9  # of all columns together: what moves so little says nothing
+SPANS = 1e-7  # of the largest eigenvalue: what columns of unit length span
 HATS = 10  # bumps over what a joint passes through, or over its speeds
 
 
@@ -79,13 +80,15 @@ class Unknown:
         """What a way leaves, its terms as free as the fit."""
         A = np.concatenate([self.bare.J, way.L], 1)
         A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-        size, *_ = np.linalg.lstsq(A, self.bare.r, rcond=1e-9)
-        return replace(self.bare, r=self.bare.r - A @ size, x=np.zeros(min(A.shape[1], self.bare.r.size - 1)))
+        w, V = np.linalg.eigh(A.T @ A)
+        good = w > SPANS * w.max()
+        taken = A @ (V[:, good] @ ((V[:, good].T @ (A.T @ self.bare.r)) / w[good]))
+        return replace(self.bare, r=self.bare.r - taken, x=np.zeros(min(int(good.sum()), self.bare.r.size - 1)))
 
 
 def unknown_about(fitted: Fitted, latent: Latent, raw: Sequence[Float[np.ndarray, "samples joints waves"]]) -> Unknown:
-    """raw: responses to forces about the fit's own motion. The causes' share of the motion is put back, to first order
-    about that motion, and the unknown has to account for it.
+    """Every way in which something unknown may act, about a fit. The causes' share of the motion is put back, to first
+    order about that motion, and the unknown has to account for it. raw: responses to forces about the fit's own motion.
     """
     ways = {at: [Way(L, True, few) for few, L in laws] for at, laws in laws_of(fitted, raw).items()}
     for at, L in latent.places.items():
