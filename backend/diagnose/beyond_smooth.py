@@ -87,7 +87,8 @@ class AbstractBeyondSmooth(AbstractStandards):
 
     def _or_load(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """The best set, or one with friction that grows with load in place of its dry friction: where loads change
-        little the one does what the other does, and neither stands in the other's model.
+        little the one does what the other does, and neither stands in the other's model. Of a pair that friction alone
+        is tried, too: what stood beside may have made up for the wrong kind of it.
         """
         dry = [c for c in best.candidates if rubs_dry(c.kind)]
         if LOAD not in families(self.without) or not dry or len(best.candidates) > SURE or self._cancelled():
@@ -98,7 +99,8 @@ class AbstractBeyondSmooth(AbstractStandards):
         if search is None or (rest is not None and beside is None):
             return best, last
         self.searches[id(search.subject)] = search
-        for cause in switching(search, self.baseline, LOAD, {}, best, beside):
+        others = (None,) if beside is None else (beside, None)
+        for cause in (c for other in others for c in switching(search, self.baseline, LOAD, {}, best, other)):
             self.search.tried[cause.names] = cause
             if self._likelier(cause, best):
                 best, last = self._judged(cause, search)

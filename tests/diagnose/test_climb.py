@@ -241,3 +241,27 @@ def test_dry_friction_is_tried_as_one_that_grows_with_load_too(monkeypatch, othe
     smooth = made("viscous_friction")
     assert climb._or_load(smooth, "last") == (smooth, "last")
     assert len(tried) == 1
+
+
+def test_friction_that_grows_with_load_is_tried_alone_where_constant_friction_needed_another_beside_it(monkeypatch):
+    """What stood beside the wrong kind of friction may have made up for it."""
+    climb: Any = object.__new__(Climb)
+    dry, other = SimpleNamespace(kind="coulomb_friction"), SimpleNamespace(kind="effort_offset")
+    subject = object()
+    pair = SimpleNamespace(candidates=(dry, other))
+    offset = SimpleNamespace(names=("effort_offset:j1",))
+    alone = SimpleNamespace(names=("pin_friction:j1",), worth=9.0)
+    both = SimpleNamespace(names=("effort_offset:j1", "pin_friction:j1"), worth=5.0)
+    monkeypatch.setattr(module, "rubs_dry", lambda kind: kind == "coulomb_friction")
+    monkeypatch.setattr(
+        module, "switching",
+        lambda search, baseline, family, motion, rival, beside: [alone if beside is None else both],
+    )  # fmt: skip
+    climb.without, climb.searches, climb.baseline, pair.worth = frozenset(), {}, None, 1.0
+    climb.search = SimpleNamespace(tried={}, cancelled=lambda: False)
+    monkeypatch.setattr(climb, "_single", lambda best, rest: offset)
+    monkeypatch.setattr(climb, "_search_of", lambda family: SimpleNamespace(subject=subject))
+    monkeypatch.setattr(climb, "_likelier", lambda cause, best: cause.worth > best.worth)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    assert climb._or_load(pair, "before") == (alone, "judged")
+    assert set(climb.search.tried) == {alone.names, both.names}
