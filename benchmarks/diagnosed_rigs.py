@@ -16,8 +16,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from backend.diagnose.diagnosis import Diagnosis
 from backend.diagnose.kept import FILE, Kept
-from backend.diagnose.run import Diagnosis, diagnose_study
+from backend.diagnose.run import diagnose_study
 from backend.mechanism.read import read_study
 from backend.mechanism.study import Study
 from backend.report.evidence import GapEvidence

@@ -225,7 +225,7 @@ class AbstractBeyondSmooth(AbstractStandards):
         if not any(c.family == family for c in known.candidates):
             return None
         mine = self.search.subject
-        subject = prepare(self.study, known, mine.step_s, (mine.noise, mine.held_noise), mine.kept)
+        subject = prepare(self.study, known, mine.step_s, (mine.noise, mine.held_noise), mine.kept, mine.coarse)
         for new, old in zip((*subject.fit, *subject.held_out), (*mine.fit, *mine.held_out), strict=True):
             new.correction = old.correction
         return Search(subject, self.search.tell, self.search.cancelled, self.search.latent)

@@ -75,6 +75,12 @@ class Candidate:
         return any(len(values) > 1 for values in self.tries)
 
     @property
+    def turning(self) -> int | None:
+        """Which of its numbers is a phase: all that it does is a mixture of what it does at 0 and at a quarter turn."""
+        phases = {name for name, p in catalogue()[self.kind].declarations().items() if p.phase}
+        return next((i for i, p in enumerate(self.parameters) if p.parameter in phases), None)
+
+    @property
     def prior_sd(self) -> np.ndarray:
         """Sd of its numbers before any data."""
         return np.array([p.prior_sd for p in self.parameters], float)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from backend.diagnose.bumps import bells, width
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Subject
@@ -18,7 +19,6 @@ from backend.diagnose.subject import Subject
 WORLD, CAMERA = "world", "camera"
 APART = 0.5  # natural times between bumps
 MOST = 96  # of them within a record
-WIDE = 0.7  # of their spacing, as other bumps are
 
 
 def finer_responses(
@@ -51,21 +51,13 @@ def knots(subject: Subject, probe: Probe) -> Float[np.ndarray, " bumps"]:
 
 def displacement(time_s: Float[np.ndarray, " n"], knots_s: Float[np.ndarray, " bumps"]) -> Float[np.ndarray, "n bumps"]:
     """Of the base by bumps of one metre, none at the release and before."""
-    return _bell(np.maximum(time_s, 0.0)[:, None], knots_s) - _bell(np.zeros(1), knots_s)
+    return bells(np.maximum(time_s, 0.0), knots_s) - bells(np.zeros(1), knots_s)
 
 
 def _acceleration(time_s: Float[np.ndarray, " n"], knots_s: Float[np.ndarray, " bumps"]) -> np.ndarray:
     """Its second derivative [m/s² for a metre]."""
-    width = _width(knots_s)
-    return (((time_s[:, None] - knots_s) / width) ** 2 - 1.0) * _bell(time_s[:, None], knots_s) / width**2
-
-
-def _bell(time_s: np.ndarray, knots_s: Float[np.ndarray, " bumps"]) -> np.ndarray:
-    return np.exp(-0.5 * ((time_s - knots_s) / _width(knots_s)) ** 2)
-
-
-def _width(knots_s: Float[np.ndarray, " bumps"]) -> float:
-    return WIDE * float(knots_s[1] - knots_s[0])
+    sd = width(knots_s)
+    return (((time_s[:, None] - knots_s) / sd) ** 2 - 1.0) * bells(time_s, knots_s) / sd**2
 
 
 def _whitened(
@@ -80,17 +72,17 @@ def _whitened(
     made = np.zeros((seer.count, ends[-1]))
 
     def one(i: int) -> None:
-        probe = fitted.probes[i]
+        probe = fitted.rough[i]
         middles = knots(subject, probe)
         if drives:
-            found = _driven(fitted, i, drives, (_acceleration if moved else _pushing)(_nodes(probe), middles))
+            found = _driven(fitted, i, drives, (_acceleration if moved else bells)(_nodes(probe), middles))
         else:
             found = np.zeros((probe.data.time_s.size, along, middles.size))
         if moved or not drives:
             found = found + _seen_moved(subject, probe, displacement(probe.since_release_s, middles))
         made[seer.rows[i], ends[i] : ends[i + 1]] = seer.white[i](found.reshape(found.shape[0], -1))
 
-    subject.over(one, range(len(fitted.probes)))
+    subject.over(one, range(len(fitted.rough)))
     return made
 
 
@@ -98,15 +90,11 @@ def _nodes(probe: Probe) -> Float[np.ndarray, " nodes"]:
     return probe.step_s * np.arange(probe.bumps.shape[0])
 
 
-def _pushing(time_s: Float[np.ndarray, " n"], knots_s: Float[np.ndarray, " bumps"]) -> np.ndarray:
-    return _bell(time_s[:, None], knots_s)
-
-
 def _driven(
     fitted: Fitted, i: int, drives: Sequence[int], shapes: Float[np.ndarray, "nodes bumps"]
 ) -> Float[np.ndarray, "samples drives bumps"]:
     """What the motion of one experiment does, as many bumps at once as its program has room for."""
-    probe = fitted.probes[i]
+    probe = fitted.rough[i]
     room, values, own = probe.bumps.shape[1], fitted.values, fitted.own(i)
     parts = range(0, shapes.shape[1], room)
     return np.nan_to_num(

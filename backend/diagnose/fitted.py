@@ -54,6 +54,13 @@ class Fitted:
         """The experiments to their ends."""
         return tuple(self.subject.chosen(p, self.choice) for p in self.subject.fit)
 
+    @cached_property
+    def rough(self) -> tuple[Probe, ...]:
+        """As far as was fitted, in steps that slopes about the motion need."""
+        if self.subject.coarse == 1:
+            return self.probes
+        return tuple(self.subject.chosen(p, self.choice).first(self.fraction) for p in self.subject.rough)
+
     @property
     def count(self) -> int:
         """Number of the choice's parameters."""

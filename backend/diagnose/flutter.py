@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
+from backend.diagnose.bumps import bumps_at
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.probe import Probe
-from backend.diagnose.subject import bumps_at
 from backend.fit.measured import AXES
 
 SURE = 1e-6  # probability from noise alone, of all markers and frequencies together

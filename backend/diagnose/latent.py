@@ -16,10 +16,11 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
+from backend.diagnose.bumps import bumps_at
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.flutter import flutters, waves
 from backend.diagnose.probe import Probe
-from backend.diagnose.subject import ALIKE, Subject, bumps_at
+from backend.diagnose.subject import ALIKE, Subject
 from backend.fit.measured import AXES
 
 SIZES = np.geomspace(0.3, 3e4, 11)  # sd of a bump, in sigmas of the data that it moves
@@ -62,9 +63,9 @@ def forces(subject: Subject, fitted: Fitted, within: float = ALIKE) -> list[Floa
     joints = range(first, -len(subject.axes))
 
     def one(i: int) -> np.ndarray:
-        return np.nan_to_num(fitted.probes[i].drive_slopes(fitted.values, fitted.own(i), joints))
+        return np.nan_to_num(fitted.rough[i].drive_slopes(fitted.values, fitted.own(i), joints))
 
-    return subject.alike("forces", fitted.r, lambda: subject.over(one, range(len(fitted.probes))), within)
+    return subject.alike("forces", fitted.r, lambda: subject.over(one, range(len(fitted.rough))), within)
 
 
 def responses(subject: Subject, fitted: Fitted, raw: Sequence[np.ndarray] | None = None) -> Latent:

@@ -16,6 +16,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from backend.diagnose.bumps import bumps
 from backend.diagnose.calibration import Misplaced
 from backend.fit.prediction import Addresses, Setting, predict
 from backend.fit.run import Run
@@ -23,6 +24,9 @@ from backend.simulate.record import Record
 from backend.simulate.shelf import shelved
 
 AT_ONCE = 4  # directions: an effect, or two, with the start; the motion itself costs as much as three
+# Iterations a step beyond which a motion is given up: with every pin loose and rubbing some six are usual. Of hundreds
+# of motions that a search tries one may bind or chatter, and cost more than all others together.
+PATIENCE = 30
 PER_BUMP = 8  # places of a joint looked at, for each bump in time: fewer lose what a force of its speed does in one
 
 
@@ -43,10 +47,10 @@ def sensitivities(
 
     def seen(x, wave):
         if setting.record is None:
-            return predict(setting, addresses, step_s, x)
+            return predict(setting, addresses, step_s, x, patience=PATIENCE)
         values = setting.record.values + bumps @ wave
         record = eqx.tree_at(lambda r: r.values, setting.record, values)
-        return predict(eqx.tree_at(lambda s: s.record, setting, record), addresses, step_s, x)
+        return predict(eqx.tree_at(lambda s: s.record, setting, record), addresses, step_s, x, patience=PATIENCE)
 
     def along(direction, wave):
         return jax.jvp(seen, (x, jnp.zeros_like(wave)), (direction, wave))
@@ -185,8 +189,14 @@ class Probe(Run):
         return np.stack([error, np.where(np.isfinite(two - four), (two - four) / 12.0, error)])
 
     def _in_steps(self, step_s: float, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, " samples"]:
-        """The motion in other steps, by the same program."""
-        made = replace(self, step_s=step_s, correction=None, _last=None)
+        made = self.in_steps(step_s)
+        made.correction = None
+        return made.predict(values, own)[0]
+
+    def in_steps(self, step_s: float) -> Probe:
+        """The same experiment in other steps, by the same program; of the whole record."""
+        frame = self.bumps.shape
+        made = replace(self, step_s=step_s, bumps=bumps(frame[0] - 1, step_s, self.duration_s, frame[1]), _last=None)
         setting, record = self.setting, self.setting.record
         if step_s != self.step_s:
             setting = made.framed(setting.steps, setting.column.size)
@@ -194,7 +204,7 @@ class Probe(Run):
                 driven = record.addresses[0 if setting.record is None else len(setting.record.addresses) :]
                 setting = replace(setting, record=with_drives(setting.record, setting.steps, driven))
         made.__dict__["setting"] = setting
-        return made.predict(values, own)[0]
+        return made
 
     @property
     def _z(self) -> slice:

@@ -202,28 +202,41 @@ def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
     """
     fitted, subject = about.fitted, about.subject
     seer = Seer(subject, fitted.probes, fitted.fraction)
-    rest = [i for i, worth in enumerate(candidate.tries) if not worth]
+    rest = np.flatnonzero(candidate.sizes)
     choices = [worth or (p.start,) for worth, p in zip(candidate.tries, candidate.parameters, strict=True)]
+    turn = candidate.turning
+    phases = (0.0,) if turn is None else choices[turn]
+    if turn is not None:
+        choices[turn] = (0.0,)
     J = fitted.free
     H = np.linalg.pinv(J.T @ J + np.diag(fitted.precision), hermitian=True)
-    best: tuple[float, dict[str, float]] = (0.0, {})
-    for values in product(*choices):
 
-        def one(i: int, values=values) -> np.ndarray:
-            neutral = subject.neutral.copy()
-            for take, value in zip(candidate.takes, values, strict=True):
-                neutral[list(take)] = value
-            probe = subject.fit[i].choose(fitted.choice.ties, neutral)
-            directions = candidate.ties(neutral.size)[:, rest].T
+    def slopes(values: tuple[float, ...]) -> Float[np.ndarray, "n sizes"]:
+        neutral = subject.neutral.copy()
+        for take, value in zip(candidate.takes, values, strict=True):
+            neutral[list(take)] = value
+        directions = candidate.ties(neutral.size)[:, rest].T
+
+        def one(i: int) -> np.ndarray:
+            probe = subject.rough[i].choose(fitted.choice.ties, neutral)
             return seer.white[i](np.nan_to_num(probe.slopes(fitted.values, fitted.own(i), directions)))
 
-        S = np.concatenate(subject.over(one, range(len(fitted.probes))))
-        S = S - J @ (H @ (J.T @ S))
-        b, sd = S.T @ about.r, candidate.prior_sd[rest]
-        step = np.linalg.solve(S.T @ S + np.diag(sd**-2.0), b)
-        if (gain := float(b @ step)) > best[0]:
-            found = dict(zip((p.name for p in candidate.parameters), values, strict=True))
-            best = gain, found | {candidate.parameters[i].name: float(d) for i, d in zip(rest, step, strict=True)}
+        S = np.concatenate(subject.over(one, range(len(subject.rough))))
+        return S - J @ (H @ (J.T @ S))
+
+    sd = candidate.prior_sd[rest]
+    best: tuple[float, dict[str, float]] = (0.0, {})
+    for values in product(*choices):
+        cosine = slopes(values)
+        sine = cosine if turn is None else slopes((*values[:turn], 0.5 * np.pi, *values[turn + 1 :]))
+        for phase in phases:
+            S = np.cos(phase) * cosine + np.sin(phase) * sine
+            b = S.T @ about.r
+            step = np.linalg.solve(S.T @ S + np.diag(sd**-2.0), b)
+            if (gain := float(b @ step)) > best[0]:
+                found = dict(zip((p.name for p in candidate.parameters), values, strict=True))
+                found |= {} if turn is None else {candidate.parameters[turn].name: phase}
+                best = gain, found | {candidate.parameters[i].name: float(d) for i, d in zip(rest, step, strict=True)}
     return best[1]
 
 
@@ -278,11 +291,11 @@ def library_slopes(
     directions = np.diag(far)[telling]
 
     def one(i: int) -> np.ndarray:
-        return seer.white[i](np.nan_to_num(fitted.probes[i].slopes(fitted.values, fitted.own(i), directions)))
+        return seer.white[i](np.nan_to_num(fitted.rough[i].slopes(fitted.values, fitted.own(i), directions)))
 
     def sweep() -> np.ndarray:
         S = np.zeros((seer.count, absent.size))
-        S[:, telling] = np.concatenate(subject.over(one, range(len(fitted.probes))))
+        S[:, telling] = np.concatenate(subject.over(one, range(len(fitted.rough))))
         return S
 
     # A spring that is there tells another slope of where it rests than one that is not.

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float
 
+from backend.diagnose.bumps import bumps
 from backend.diagnose.calibration import Misplaced, cameras_of, with_cameras
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.kept import Kept
@@ -94,6 +95,7 @@ class Subject:
 
     joints: where something unknown may act: a force; of a joint that is told how to move (`told`) a motion beside that.
     axes: along which a base that moves would be seen. Both drive the last columns of every record, in this order.
+    coarse: how many of its steps make one of those in which a study is simulated.
     """
 
     mechanism: Mechanism
@@ -107,6 +109,7 @@ class Subject:
     joints: tuple[str, ...]
     told: frozenset[str] = frozenset()
     axes: tuple[str, ...] = ()
+    coarse: int = 1
     kept: Kept = field(default_factory=Kept)
     slopes: dict[str, list[tuple[np.ndarray, Any]]] = field(default_factory=dict)
 
@@ -114,6 +117,13 @@ class Subject:
     def neutral(self) -> np.ndarray:
         """As drawn."""
         return np.array(self.library.neutral)
+
+    @cached_property
+    def rough(self) -> list[Probe]:
+        """Experiments to learn from, in the steps in which a study is simulated: finer ones tell what a motion misses,
+        and slopes about it need none.
+        """
+        return self.fit if self.coarse == 1 else [p.in_steps(self.coarse * self.step_s) for p in self.fit]
 
     def size_of(self, joint: str) -> float:
         """What counts as one of a joint's coordinate: 1 rad, or a mechanism length [m]."""
@@ -165,10 +175,11 @@ def prepare(
     step_s: float,
     noise: tuple[Noise, Noise] | None = None,
     kept: Kept | None = None,
+    coarse: int = 1,
 ) -> Subject:
     """Build the family's model and find where every experiment starts. ValueError names the experiment.
 
-    kept: ends of fits, of a search that may have been cut off.
+    kept: ends of fits, of a search that may have been cut off. coarse: see `Subject`.
     """
     kept = Kept() if kept is None else kept
     cameras = cameras_of(study)
@@ -204,14 +215,13 @@ def prepare(
         p.neutral, p.bumps = neutral, bumps(frame[0], step_s, p.duration_s, waves)
         setting = p.framed(*frame)
         p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))
-    if noise is not None:
-        return Subject(study.mechanism, library, model, fit, held, *noise, step_s, joints, frozenset(told), axes, kept)
-    every = estimate([p.data for p in (*fit, *held)])
-    mine, theirs = (
-        Noise(every.sigma[part], every.memory, every.keep[part]) for part in (slice(len(fit)), slice(len(fit), None))
-    )
+    if noise is None:
+        every = estimate([p.data for p in (*fit, *held)])
+        parts = slice(len(fit)), slice(len(fit), None)
+        mine, theirs = (Noise(every.sigma[part], every.memory, every.keep[part]) for part in parts)
+        noise = mine, theirs
     return Subject(
-        study.mechanism, library, model, fit, held, mine, theirs, step_s, joints, frozenset(told), axes, kept
+        study.mechanism, library, model, fit, held, *noise, step_s, joints, frozenset(told), axes, coarse, kept
     )
 
 
@@ -220,17 +230,6 @@ def _few_sizes(count: int, floor: int) -> int:
     sample are not taken.
     """
     return int(2 ** np.ceil(np.log2(max(count, floor)) - 1e-9))
-
-
-def bumps(steps: int, step_s: float, duration_s: float, waves: int) -> Float[np.ndarray, "nodes waves"]:
-    """Smooth bumps in time, evenly spaced over a record, as wide as 0.7 of their spacing."""
-    return bumps_at(step_s * np.arange(steps + 1), duration_s, waves)
-
-
-def bumps_at(time_s: Float[np.ndarray, " n"], duration_s: float, waves: int) -> Float[np.ndarray, "n waves"]:
-    """The same at any times since the release."""
-    centre, spacing = np.linspace(0.0, duration_s, waves), duration_s / (waves - 1)
-    return np.exp(-0.5 * ((time_s[:, None] - centre) / (0.7 * spacing)) ** 2)
 
 
 def _on_record(study: Study) -> dict[str, Address]:

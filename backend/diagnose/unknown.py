@@ -17,12 +17,13 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from backend.diagnose.adequacy import scaled
+from backend.diagnose.bumps import bumps_at
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.flutter import flutters, waves
 from backend.diagnose.latent import Beside, Latent, evidence, log_mean, markers_and_axes, warp
 from backend.diagnose.screen import library_slopes
 from backend.diagnose.softness import softness
-from backend.diagnose.subject import SAME, bumps_at
+from backend.diagnose.subject import SAME
 
 CREEP = 0.05  # of the fastest speed: where a law may turn over as dry friction does
 CLOCK = 3  # powers of time by which a clock may run wrong
@@ -193,7 +194,7 @@ def _hats(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n hats"]:
 def _kicks(fitted: Fitted, seer: Seer) -> list[Float[np.ndarray, "n kicks"]]:
     """Responses to rates that the release gives, the same in every experiment or of each by itself."""
     found = []
-    for i, (p, white) in enumerate(zip(fitted.probes, seer.white, strict=True)):
+    for i, (p, white) in enumerate(zip(fitted.rough, seer.white, strict=True)):
         found.append(white(np.nan_to_num(p.kick_slopes(fitted.values, fitted.own(i)))))
     return [np.concatenate(found), np.asarray(block_diag(*found))]
 

@@ -12,16 +12,21 @@ from jaxtyping import Float
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import Belief
-from backend.diagnose.finer import WORLD, displacement, knots
+from backend.diagnose.bumps import bumps_at
+from backend.diagnose.finer import WORLD, base_response, displacement, finer_responses, knots
 from backend.diagnose.fitted import Fitted
 from backend.diagnose.latent import SIZES, Latent, evidence, log_mean, posterior
-from backend.diagnose.subject import Subject, bumps_at
+from backend.diagnose.probe import Probe
+from backend.diagnose.subject import Subject
+from backend.diagnose.unknown import Unknown
 from backend.mechanism.gap_report import JointGap, Location, MarkerGap, Phase
 
 LOUD = 3.0  # sd: what of a missing force is told as a stretch of time
 MOST = 8  # stretches
 TIMES = 200  # at which a trace is told
 FAINTEST = 1e-6  # of the likeliest place: what is less likely is not listed
+JOINTS = 2  # likeliest ones whose forces are taken as fine as the motion of the base
+Series = dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 def place_evidence(fitted: Fitted, latent: Latent, scale: float) -> dict[str, float]:
@@ -37,6 +42,17 @@ def shares(log_z: Mapping[str, float]) -> dict[str, float]:
     z = np.array(list(log_z.values()))
     p = np.exp(z - z.max())
     return dict(zip(log_z, (p / p.sum()).tolist(), strict=True))
+
+
+def whereabouts(unknown: Unknown, log_z: Mapping[str, float], scale: float) -> dict[str, float]:
+    """How probably what is unknown lies at each place, among them a base that moves, in units of what the place that
+    explains most leaves: a named cause far off would blur them all.
+    """
+    fitted = unknown.fitted
+    likeliest = sorted((at for at in log_z if at.startswith("joint:")), key=lambda at: -log_z[at])[:JOINTS]
+    joints = [at.partition(":")[2] for at in likeliest]
+    finer = unknown.finer(finer_responses(fitted.subject, fitted, joints))
+    return shares(finer.log_z(scale / np.sqrt(finer.softness())))
 
 
 def locations(belief: Belief, model_free: Mapping[str, float]) -> list[Location]:
@@ -64,7 +80,7 @@ class Trace:
 
     at: str
     unit: str
-    series: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    series: Series
     along: str = ""
 
     def phases(self) -> list[Phase]:
@@ -84,38 +100,67 @@ class Trace:
         return [found[i] for i in sorted(largest[:MOST])]
 
 
+def trace(
+    subject: Subject, drawn: Fitted, latent: Latent, at: str, free: Mapping[str, float], scale: float, unknown: bool
+) -> Trace | None:
+    """What the drawing misses against time: where a cause is named at a joint, a force there, because in a linkage of
+    one freedom a force at any joint does nearly the same; where something unknown lies in the world, a motion of the
+    base. at: the likeliest place. free: probabilities of places, whatever lies there.
+    """
+    if at == WORLD and unknown:
+        moved = base_response(subject, drawn)
+        if moved.any():
+            return missing_motion(subject, drawn, moved, scale)
+    if not latent.forces:
+        return None
+    at = at if at in latent.forces else max(latent.forces, key=lambda place: free.get(place, 0.0))
+    return missing_force(subject, drawn, latent, at, scale)
+
+
 def missing_force(subject: Subject, fitted: Fitted, latent: Latent, place: str, scale: float) -> Trace:
     """Unknown force at `joint:ID` [N m or N]; of a joint that is told how to move, an unknown motion [rad or m]."""
     joint = place.partition(":")[2]
-    mean, C = _likeliest(fitted, latent.scaled(place), scale)
     slide = subject.model.topology.joint_types[subject.model.topology.joint_ids.index(joint)] == "prismatic"
     turning, sliding = ("rad", "m") if joint in subject.told else ("N m", "N")
-    series: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-    at = 0
-    for probe, count in zip(fitted.probes, _counts(latent.places[place], fitted.rows), strict=True):
-        time = np.linspace(0.0, probe.duration_s * fitted.fraction, TIMES)
-        shape = bumps_at(time, probe.duration_s, probe.bumps.shape[1])[:, :count] * latent.unit[place]
-        part = slice(at, at + count)
-        series[probe.experiment.id] = (time, shape @ mean[part], _sd(shape, C[part, part]))
-        at += count
+    counts = _counts(latent.places[place], fitted.rows)
+    shapes = [
+        [bumps_at(_times(fitted, probe), probe.duration_s, probe.bumps.shape[1])[:, :count] * latent.unit[place]]
+        for probe, count in zip(fitted.probes, counts, strict=True)
+    ]
+    (series,) = _against_time(fitted, latent.scaled(place), shapes, scale)
     return Trace(place, sliding if slide else turning, series)
 
 
 def missing_motion(subject: Subject, fitted: Fitted, L: Float[np.ndarray, "n bumps"], scale: float) -> Trace:
     """Unknown motion of the base [m], along the axis of W along which it moves most. L: see `base_response`."""
     unit = 1.0 / float(np.median(np.linalg.norm(L, axis=0)))
-    mean, C = _likeliest(fitted, L * unit, scale)
-    found: dict[str, dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]] = {axis: {} for axis in subject.axes}
+    shapes = [
+        [displacement(_times(fitted, probe), knots(subject, probe)) * unit] * len(subject.axes)
+        for probe in fitted.probes
+    ]
+    found = _against_time(fitted, L * unit, shapes, scale)
+    loud = [sum(float(np.sum((mean / sd.max()) ** 2)) for _, mean, sd in series.values()) for series in found]
+    along = int(np.argmax(loud))
+    return Trace(WORLD, "m", found[along], subject.axes[along])
+
+
+def _times(fitted: Fitted, probe: Probe) -> Float[np.ndarray, " times"]:
+    return np.linspace(0.0, probe.duration_s * fitted.fraction, TIMES)
+
+
+def _against_time(
+    fitted: Fitted, L: Float[np.ndarray, "n bumps"], shapes: Sequence[Sequence[np.ndarray]], scale: float
+) -> list[Series]:
+    """Of bumps of the likeliest size, in the order of L's columns. shapes: of each experiment those of every trace."""
+    mean, C = _likeliest(fitted, L, scale)
+    found: list[Series] = [{} for _ in shapes[0]]
     at = 0
-    for probe in fitted.probes:
-        time = np.linspace(0.0, probe.duration_s * fitted.fraction, TIMES)
-        shape = displacement(time, knots(subject, probe)) * unit
-        for axis in subject.axes:
+    for probe, own in zip(fitted.probes, shapes, strict=True):
+        for series, shape in zip(found, own, strict=True):
             part = slice(at, at + shape.shape[1])
-            found[axis][probe.experiment.id] = (time, shape @ mean[part], _sd(shape, C[part, part]))
-            at += shape.shape[1]
-    along = max(found, key=lambda axis: sum(float(np.sum((m / s.max()) ** 2)) for _, m, s in found[axis].values()))
-    return Trace(WORLD, "m", found[along], along)
+            series[probe.experiment.id] = (_times(fitted, probe), shape @ mean[part], _sd(shape, C[part, part]))
+            at = part.stop
+    return found
 
 
 def _likeliest(fitted: Fitted, L: Float[np.ndarray, "n bumps"], scale: float) -> tuple[np.ndarray, np.ndarray]:

@@ -26,8 +26,9 @@ class BaseMotion(AbstractBaseMotion):
         tries=(0.08, 0.11, 0.15, 0.2, 0.25, 0.3, 0.35, 0.42, 0.5, 0.6, 0.7, 0.84, 1.0, 1.2, 1.4),
     )  # fmt: skip
     phase_rad: Float[Array, ""] = parameter(
-        "rad", "at the stated release", by_name=True, expected=3.0, tries=(0.0, 0.8, 1.6, 2.4)
-    )
+        "rad", "at the stated release", by_name=True, expected=3.0, phase=True,
+        tries=(0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 2.8),
+    )  # fmt: skip
     begins_at_release: Float[Array, ""] = parameter(
         "1", "share of the shaking that begins with the release: 1 for a base that rests until then",
         lower=0.0, upper=1.0, by_name=True, expected=1.0, tries=(0.5,),

@@ -54,6 +54,8 @@ class Declaration:
     """Whether a diagnosis frees it only where the effect without it came out best: it tells apart what is seen well."""
     proportional_to: str | None = None
     """Another parameter, in proportion to which this one acts: where that is nothing, so is the slope in this one."""
+    phase: bool = False
+    """Whether it is an angle by whose cosine and sine all that the effect does is mixed."""
     tries: tuple[float, ...] = ()
     """Values worth trying, in natural sizes, where nothing says which way to go while the effect is absent; the only
     one is where it stands meanwhile."""

@@ -18,8 +18,9 @@ from backend.report.quantity import at_the_bench, shown
 MOST_ALIKE = 4
 
 if TYPE_CHECKING:
+    from backend.diagnose.cause import Cause
+    from backend.diagnose.diagnosis import Diagnosis
     from backend.diagnose.probe import Probe
-    from backend.diagnose.run import Cause, Diagnosis
 
 
 def gap_evidence(study: Study, found: Diagnosis) -> GapEvidence:

@@ -94,27 +94,56 @@ def test_a_table_that_gives_is_a_gap_of_the_world_and_its_motion_is_told():
         assert np.median(sd) < 0.1 * np.max(np.abs(table))
 
 
-def test_bumps_of_the_base_do_what_the_library_s_shaking_does():
-    from backend.diagnose.finer import base_response, displacement, knots
+@pytest.fixture(scope="module")
+def drawn():
+    """The bar on a table that holds still, fitted."""
     from backend.diagnose.library import SMOOTH, library
     from backend.diagnose.subject import prepare
     from backend.diagnose.which import Search
 
     study, _ = hung(2, gives=False)
     known = library(study.mechanism, SMOOTH, without=frozenset(catalogue()) - {"base_motion"})
-    subject = prepare(study, known, 2e-3)
-    drawn = Search(subject, lambda words: None, lambda: False).baseline().fitted
-    hertz = 2.3
-    shaking = {"frequency_hz": hertz, "phase_rad": 0.0, "begins_at_release": 1.0}
-    neutral, direction = subject.neutral.copy(), np.zeros((1, subject.neutral.size))
-    for i, parameter in enumerate(known.parameters):
-        neutral[i] = shaking.get(parameter.parameter, neutral[i])
-        direction[0, i] = parameter.parameter == "amplitude_m[0]"
-    probe = subject.fit[0].choose(np.zeros((neutral.size, 0)), neutral)
-    white = subject.noise.whitening(probe.data, 0, 1.0)
-    expected = white(probe.slopes(np.zeros(0), drawn.own(0), direction))[:, 0]
+    return Search(prepare(study, known, 2e-3), lambda words: None, lambda: False).baseline().fitted
 
-    middles, time = knots(subject, probe), np.linspace(0.0, probe.duration_s, 1000)
+
+def shaken(drawn, i: int, hertz: float, phase: float) -> np.ndarray:
+    """What the library's shaking along x does to one experiment, for a metre."""
+    subject = drawn.subject
+    shaking = {"frequency_hz": hertz, "phase_rad": phase, "begins_at_release": 1.0}
+    neutral, direction = subject.neutral.copy(), np.zeros((1, subject.neutral.size))
+    for k, parameter in enumerate(subject.library.parameters):
+        neutral[k] = shaking.get(parameter.parameter, neutral[k])
+        direction[0, k] = parameter.parameter == "amplitude_m[0]"
+    probe = subject.fit[i].choose(np.zeros((neutral.size, 0)), neutral)
+    white = subject.noise.whitening(probe.data, i, 1.0)
+    return white(probe.slopes(np.zeros(0), drawn.own(i), direction))[:, 0]
+
+
+def test_bumps_of_the_base_do_what_the_library_s_shaking_does(drawn):
+    from backend.diagnose.finer import base_response, displacement, knots
+
+    hertz, probe = 2.3, drawn.probes[0]
+    middles, time = knots(drawn.subject, probe), np.linspace(0.0, probe.duration_s, 1000)
     sizes, *_ = np.linalg.lstsq(displacement(time, middles), np.sin(2.0 * np.pi * hertz * time), rcond=1e-10)
-    found = base_response(subject, drawn)[drawn.rows[0], : middles.size] @ sizes
+    found = base_response(drawn.subject, drawn)[drawn.rows[0], : middles.size] @ sizes
+    expected = shaken(drawn, 0, hertz, 0.0)
     assert np.linalg.norm(found - expected) < 0.02 * np.linalg.norm(expected)
+
+
+def test_a_shaking_is_tried_in_phases_between_those_that_are_simulated(drawn):
+    from dataclasses import replace
+
+    from backend.diagnose.screen import screen, tuned
+
+    (candidate,) = drawn.subject.library.candidates
+    assert candidate.turning is not None
+    tried = {p.parameter: values for p, values in zip(candidate.parameters, candidate.tries, strict=True)}
+    hertz, phase = tried["frequency_hz"][5], tried["phase_rad"][5]
+    about = screen(drawn.subject, drawn)
+    left = 0.01 * np.concatenate([shaken(drawn, i, hertz, phase) for i in range(len(drawn.probes))])
+    J = drawn.J
+    H = np.linalg.pinv(J.T @ J + np.diag(drawn.precision), hermitian=True)
+    found = tuned(replace(about, r=left - J @ (H @ (J.T @ left))), candidate)
+    told = {p.parameter: found[p.name] for p in candidate.parameters}
+    assert (told["frequency_hz"], told["phase_rad"]) == (hertz, phase)
+    assert told["amplitude_m[0]"] == pytest.approx(0.01, rel=0.02)

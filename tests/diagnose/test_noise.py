@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from backend.diagnose.bumps import bumps_at
 from backend.diagnose.latent import Latent, left_over, studentised
 from backend.diagnose.noise import estimate, good_samples, strays
-from backend.diagnose.subject import bumps_at
 from backend.fit.measured import Channel, Measured
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.diagnose import run, shrink, verdict
+from backend.diagnose import judgement, shrink, verdict
 from backend.diagnose.shrink import gap_power, shrinkage
 from backend.fit.measured import Channel, Measured
 
@@ -66,8 +66,8 @@ def test_a_fitted_gap_is_told_in_its_own_unit_or_not_at_all():
 
 @pytest.mark.parametrize(("held_out", "words"), [([], "No experiment was held out"), ([1], "sample after its release")])
 def test_what_is_not_tested_is_said_with_its_reason(held_out, words):
-    inquiry: Any = SimpleNamespace(warnings=[], subject=SimpleNamespace(held_out=held_out, fit=[1, 2]))
-    (said,) = run._Inquiry.warnings_of(inquiry, "identified", None)
+    subject: Any = SimpleNamespace(held_out=held_out, fit=[1, 2])
+    (said,) = judgement.inconclusive(subject, "identified", None)
     assert words in said
 
 

@@ -59,7 +59,7 @@ def test_an_end_of_travel_is_sought_where_the_drawing_goes_from_where_it_stood_s
 
 
 def test_the_gap_is_that_of_the_whole_record_where_the_drawing_follows_a_part_of_it(found):
-    from backend.diagnose.run import gap_power
+    from backend.diagnose.judgement import gap_power
 
     drawn, best = found.baseline.fitted, found.best.fitted
     assert drawn.fraction < best.fraction == 1.0

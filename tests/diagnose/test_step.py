@@ -43,6 +43,28 @@ def test_a_step_is_halved_until_its_error_cannot_be_taken_for_a_cause(drawing, m
     assert coarse < 1.0  # of this bar nothing would have been halved
 
 
+def test_slopes_about_a_motion_in_fine_steps_are_taken_in_coarse_ones(drawing):
+    from backend.diagnose.finer import finer_responses
+    from backend.diagnose.latent import forces
+    from backend.diagnose.library import SMOOTH, library
+    from backend.diagnose.screen import library_slopes
+    from backend.diagnose.subject import prepare
+    from backend.diagnose.which import Search
+
+    told = study(drawing, 1, torque=braked, frames=24)
+    known = library(told.mechanism, SMOOTH, without=frozenset(catalogue()) - {"viscous_friction", "length_error"})
+    found = []
+    for coarse in (1, 4):
+        subject = prepare(told, known, COARSE_S / 4, coarse=coarse)
+        fitted = Search(subject, lambda words: None, lambda: False).baseline().fitted
+        assert [p.step_s for p in fitted.rough] == pytest.approx([coarse * COARSE_S / 4] * 2)
+        finer = finer_responses(subject, fitted, ["j1"])
+        found.append((library_slopes(fitted), np.concatenate(forces(subject, fitted)), *finer.values()))
+    assert not np.array_equal(found[0][0], found[1][0])
+    for fine, rough in zip(*found, strict=True):
+        assert np.linalg.norm(fine - rough) < 0.01 * np.linalg.norm(fine)
+
+
 def test_an_error_of_another_order_is_not_put_back():
     from backend.diagnose.step_error import orderly
 
