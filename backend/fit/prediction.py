@@ -34,7 +34,7 @@ from backend.model.system import System, system
 from backend.simulate import assemble, kinematics
 from backend.simulate.points import marker_paths, marker_positions, marker_velocities
 from backend.simulate.record import Record
-from backend.simulate.rollout import Trajectory, rollout
+from backend.simulate.rollout import PATIENCE, Trajectory, rollout
 from backend.simulate.shelf import shelved
 from backend.simulate.small import apply
 
@@ -80,11 +80,17 @@ def with_values(model: Model, addresses: Addresses, values: Float[Array, " p"]) 
 
 
 def predict(
-    setting: Setting, addresses: Addresses, step_s: float | Array, x: Float[Array, " x"], backwards: bool = False
+    setting: Setting,
+    addresses: Addresses,
+    step_s: float | Array,
+    x: Float[Array, " x"],
+    backwards: bool = False,
+    patience: int = PATIENCE,
 ) -> tuple[Float[Array, " samples"], Array]:
     """Predicted samples, and which of them the motion was lost for.
 
     x: parameters, start coordinates, start rates. backwards: for derivatives backwards in time, where nothing strikes.
+    patience: see `rollout`.
     """
     model, made, start, record = released(setting, addresses, step_s, x)
     marker, axis = _marker_of(model, setting.column)
@@ -93,7 +99,7 @@ def predict(
     slack = LATEST_ROW_S if model.of(AbstractShutter) else 0.0
     until = jnp.ceil((jnp.max(lax.stop_gradient(moved)) + slack) / step_s).astype(int) + 2
     end = None if backwards else jnp.clip(until, 1, setting.steps)
-    motion = rollout(made, start, step_s, setting.steps, record, halvings(made), end)
+    motion = rollout(made, start, step_s, setting.steps, record, halvings(made), end, patience)
     value, slope = columns(model, made, motion)
     seen = hermite(value + setting.turns, slope, step_s, moved, setting.column)
     if model.marker_ids and any(model.of(shape) for shape in SEEING):

@@ -28,7 +28,7 @@ PAYMENTS = 4  # times a step is made again because a wall gave back more than it
 UNSOLVED = 10.0  # times the tolerance: a step that leaves more is cut in two
 # Iterations a step, on average and with some steps to spare, beyond which a motion with an end is given up: two are
 # usual, a hundred the hardest that moved; to hold a part that begins behind a rigid wall takes a thousand.
-PATIENCE, GRACE = 300, 10
+PATIENCE, GRACE = 300, 30
 
 
 class Trajectory(eqx.Module):
@@ -129,19 +129,20 @@ def rollout(
     record: Record | None = None,
     halvings: int = 0,
     until: Int[Array, ""] | None = None,
+    patience: int = PATIENCE,
 ) -> Trajectory:
     """Move for `steps` steps of `step_s` seconds.
 
     record: known drives, sampled on the steps (see `record.on_steps`).  until: a node after which nobody looks: the
     motion ends there, or where it is lost; the nodes behind repeat the last, and no time is spent on them (forward
-    derivatives only). A motion that takes more than PATIENCE iterations a step is then given up as lost, too.
+    derivatives only). A motion that takes more than `patience` iterations a step is then given up as lost, too.
     A step that cannot be solved is cut in two, up to `halvings` times (0 where derivatives backwards in time are
     wanted); after that the motion freezes and `lost` is set from there on, so that one jammed sample never spoils a
     batch.
     """
     # One step more than asked: a node's velocity needs the step that follows it.
     carry = (depart(system, start), jnp.zeros((), dtype=bool))
-    _, seen = march(system, carry, step_s, steps + 1, record, halvings, until)
+    _, seen = march(system, carry, step_s, steps + 1, record, halvings, until, patience)
     return trajectory(seen, step_s)
 
 
@@ -157,8 +158,11 @@ def march(
     record: Record | None,
     halvings: int = 0,
     until: Int[Array, ""] | None = None,
+    patience: int = PATIENCE,
 ) -> tuple[tuple[Motion, Array], Seen]:
-    """Some steps from where a motion stands; the carry is the motion and whether it is lost. until: see `rollout`."""
+    """Some steps from where a motion stands; the carry is the motion and whether it is lost. until, patience: see
+    `rollout`.
+    """
     by = system, carry[0], step_s, record
     carry = _moving(carry[0], step_s, by), carry[1]
     drives = None if record is None else record.values
@@ -177,7 +181,7 @@ def march(
         drives = None if record is None else record.values[k]
         (motion, gone), seen = _advanced(step, system, carry, step_s, record, drives, halvings)
         spent = spent + seen.iterations
-        gone = gone | (spent > PATIENCE * (k + GRACE))
+        gone = gone | (spent > patience * (k + GRACE))
         every = jax.tree.map(lambda all_, one: all_.at[k].set(one), every, seen._replace(lost=gone))
         return k + 1, spent, (motion, gone), every
 

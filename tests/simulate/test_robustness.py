@@ -9,7 +9,7 @@ from backend.model.build import build
 from backend.model.state import Start, drawn_pose
 from backend.model.system import system
 from backend.report.run_summary import summary_json
-from backend.simulate.rollout import rollout
+from backend.simulate.rollout import GRACE, rollout
 from backend.simulate.run import simulate
 from tests.mechanisms import WEIGHTLESS, double_pendulum, effect, fourbar, pendulum
 from tests.motions import stacked, still
@@ -53,6 +53,18 @@ def test_no_time_is_spent_behind_the_step_that_is_lost():
     np.testing.assert_allclose(ended.q, whole.q, rtol=0, atol=1e-12)
     # Behind it nothing was solved: iterations stand at those of the step that was lost.
     np.testing.assert_array_equal(ended.iterations, np.full(21, ended.iterations[0]))
+
+
+def test_a_motion_that_takes_too_long_is_given_up_and_no_time_is_spent_behind():
+    model = build(double_pendulum([]))
+    plant = system(model)
+    begin = Start(drawn_pose(model, plant), still(model))
+    whole, ended = (rollout(plant, begin, STEP_S, 200, None, 0, np.array(200), patience) for patience in (300, 1))
+    assert not whole.lost.any()
+    spent = np.cumsum(whole.iterations)
+    (first, *_) = np.flatnonzero(spent > np.arange(201) + GRACE)
+    np.testing.assert_array_equal(ended.lost, np.arange(201) >= first)
+    np.testing.assert_allclose(ended.q[:first], whole.q[:first], rtol=0, atol=1e-12)
 
 
 def test_a_motion_that_ends_early_is_the_first_part_of_the_whole_with_its_slopes():
