@@ -63,13 +63,16 @@ START = "Check that the bed file's origin and axes are the drawing's, and that t
 
 @dataclass(frozen=True)
 class TrackResult:
-    """Tracks (one row per frame and marker), a summary of plain JSON values, and the files written."""
+    """Tracks (one row per frame and marker), a summary of plain JSON values, the files written, and whether the camera
+    moved: then every picture has a view of its own.
+    """
 
     tracks: pd.DataFrame
     summary: dict[str, Any]
     tracks_path: Path
     summary_path: Path
     preview_path: Path | None
+    shaken: bool = False
 
 
 def track_video(
@@ -196,7 +199,7 @@ def track_video(
         summary["tolerances"] = list(shared.tolerances)
     tracks_path = write_tracks(table, out / "tracks.csv")
     (out / "tracking.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
-    return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path)
+    return TrackResult(table, summary, tracks_path, out / "tracking.json", preview_path, shaken is not None)
 
 
 def _read_clicks(clicks: Mapping[str, Sequence[float]] | str | Path | None) -> dict[str, tuple[float, float]]:

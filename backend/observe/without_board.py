@@ -20,7 +20,7 @@ from backend.observe.camera import PARAMETERS, Camera, CameraPose, Deviations
 from backend.observe.drawn_heights import raised_as_drawn
 from backend.observe.label import drawn_positions
 from backend.observe.placing import placing_sd_m, placing_slopes
-from backend.observe.project import pose
+from backend.observe.project import calibrate, pose
 from backend.observe.seen_bed import bed_in_picture
 from backend.observe.shared_error import MARK_SD_PX, TAG_SD_PX
 from backend.observe.tracking_error import TrackingError
@@ -67,8 +67,28 @@ def calibrate_from_clip(
     tracked = track_video(clip, mechanism, bed, out_dir=beside, preview=False, progress=progress)
     seen, warnings = bed_in_picture(bed, first.luma)
     seen, _ = raised_as_drawn(seen, drawn_positions(mechanism))  # what is amiss there, the tracks have told
-    camera = camera_from_bars(tracked.tracks, mechanism, seen, (width_px, height_px), bed.camera)
+    tracks, size_px = tracked.tracks, (width_px, height_px)
+    if tracked.shaken:
+        tracks = as_in_first_picture(tracks, seen, list(drawn_positions(mechanism)), size_px)
+    camera = camera_from_bars(tracks, mechanism, seen, size_px, bed.camera)
     return camera.model_copy(update={"notes": (*warnings, *camera.notes)}) if warnings else camera
+
+
+def as_in_first_picture(
+    tracks: pd.DataFrame, bed: Bed, markers: Sequence[str], size_px: tuple[int, int]
+) -> pd.DataFrame:
+    """Tracks of a camera that moved, with pixels as if it had stood where it did in the first picture.
+
+    bed: its marks have that picture's pixels. Places become pixels by the lens and the heights that pixels had become
+    places by: what is wrong with them is in both views alike, but for what the camera's own motion changes of it.
+    """
+    heights = dict(zip(markers, bed.heights(markers)[0], strict=True))
+    height_m = np.array([heights[str(name)] for name in tracks["marker"]])
+    # What runs along the bed's normal was not measured, and nothing of it lies in the bed.
+    from_origin_m = np.nan_to_num(tracks[["x_m", "y_m", "z_m"]].to_numpy(float) - np.array(bed.plane.origin_m))
+    px = calibrate(bed, *size_px).pixels(from_origin_m @ bed.plane.axes()[:2].T, height_m)
+    px[tracks["x_px"].isna().to_numpy()] = np.nan
+    return tracks.assign(x_px=px[:, 0], y_px=px[:, 1])
 
 
 def camera_from_bars(

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -19,9 +20,10 @@ from backend.observe.bundle import PLAY_M
 from backend.observe.camera import read_camera, write_camera
 from backend.observe.measure import track_video
 from backend.observe.placing import placing_slopes
+from backend.observe.project import calibrate
 from backend.observe.tracking_error import TrackingError
 from backend.observe.viewpoint import Viewpoint
-from backend.observe.without_board import camera_from_bars
+from backend.observe.without_board import as_in_first_picture, camera_from_bars
 
 from .filmed_fourbar import DRAWN, MARKERS, SIZE, TAGS, Eye, drawing, fourbar, raised, random_eye
 from .scenes import errors_m, film
@@ -262,3 +264,29 @@ def test_points_of_one_time_stay_as_they_are_beside_gaps():
     px = np.random.default_rng(4).normal(100, 10, (5, 3, 2))
     px[2, 1] = np.nan
     np.testing.assert_array_equal(at_one_time(np.where(np.isnan(px[..., 0]), np.nan, time_s), px), px)
+
+
+def test_a_camera_that_moves_is_found_from_where_it_would_have_seen_the_dots():
+    rng, heights = np.random.default_rng(3), np.full(5, 0.012)
+    stood = Eye(k1=-0.05, tilt_rad=(0.15, 0.1, 0.02), height_m=0.6)
+    angles = np.linspace(0, 6, 30)
+    tracks, xy, clean, bed = clip(stood, rng, heights, angles)
+    swayed = 5e-3 * np.stack([np.sin(2.0 * angles), np.sin(3.0 * angles), 1.0 - np.cos(4.0 * angles)], 1)
+    px, on_bed = np.empty_like(xy), np.empty_like(xy)
+    for n, shift in enumerate(swayed):
+        eye = replace(stood, look_at_m=tuple(shift[:2]), height_m=stood.height_m + shift[2])
+        px[n] = eye.pixels(raised(xy[n], heights)) + DOT_PX * rng.standard_normal(xy[n].shape)
+        on_bed[n] = calibrate(bed_seen(eye, rng), *SIZE).metres(px[n], np.zeros(5))
+    moved = tracks.assign(
+        x_px=px[..., 0].ravel(),
+        y_px=px[..., 1].ravel(),
+        x_m=on_bed[..., 0].ravel(),
+        y_m=on_bed[..., 1].ravel(),
+        z_m=np.nan,
+    )
+    with pytest.raises(TrackingError, match="disagree"):
+        camera_from_bars(moved, drawing(), bed, SIZE)
+    errors, _ = placed(
+        camera_from_bars(as_in_first_picture(moved, bed, MARKERS, SIZE), drawing(), bed, SIZE), clean, xy
+    )
+    assert np.median(np.linalg.norm(errors, axis=-1)) < 1.5e-4
