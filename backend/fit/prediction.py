@@ -32,7 +32,7 @@ from backend.model.model import Address, Model
 from backend.model.state import Pose, Start
 from backend.model.system import System, system
 from backend.simulate import assemble, kinematics
-from backend.simulate.points import marker_paths, marker_positions, marker_velocities
+from backend.simulate.points import marker_paths, marker_positions, marker_velocities, markers_until
 from backend.simulate.record import Record
 from backend.simulate.rollout import PATIENCE, Trajectory, rollout
 from backend.simulate.shelf import shelved
@@ -100,7 +100,7 @@ def predict(
     until = jnp.ceil((jnp.max(lax.stop_gradient(moved)) + slack) / step_s).astype(int) + 2
     end = None if backwards else jnp.clip(until, 1, setting.steps)
     motion = rollout(made, start, step_s, setting.steps, record, halvings(made), end, patience)
-    value, slope = columns(model, made, motion)
+    value, slope = columns(model, made, motion, end)
     seen = hermite(value + setting.turns, slope, step_s, moved, setting.column)
     if model.marker_ids and any(model.of(shape) for shape in SEEING):
         there = setting.column - axis
@@ -197,13 +197,19 @@ def traced_back(
     return jax.vjp(lambda x: predict(setting, addresses, step_s, x, backwards=True)[0], x)[1](weight)[0]
 
 
-def columns(model: Model, made: System, motion: Trajectory) -> tuple[Array, Array]:
-    """Values and their rates at the nodes (nodes, columns): q, markers where they are, efforts."""
+def columns(model: Model, made: System, motion: Trajectory, until: Int[Array, ""] | None = None) -> tuple[Array, Array]:
+    """Values and their rates at the nodes (nodes, columns): q, markers where they are, efforts.
+
+    until: the node after which nobody looks.
+    """
     nodes = motion.q.shape[0]
     effort = _effort(made, motion)
     parts = [(motion.q, motion.rate)]
     if model.marker_ids:
-        path, velocity = marker_paths(model, made, motion), marker_velocities(model, made, motion)
+        if until is None:
+            path, velocity = marker_paths(model, made, motion), marker_velocities(model, made, motion)
+        else:
+            path, velocity = markers_until(model, made, motion, until)
         parts.append((path.reshape(nodes, -1), velocity.reshape(nodes, -1)))
     parts.append((effort, _slope(effort, motion.time_s)))
     return jnp.concatenate([v for v, _ in parts], 1), jnp.concatenate([s for _, s in parts], 1)
