@@ -19,7 +19,7 @@ from backend.observe.plane import Plane
 from backend.observe.viewpoint import LENS, POSE, Viewpoint
 
 PLAY_M = 2e-5  # pins wander so much within their holes from frame to frame
-MOST_STEPS = 100
+MOST_STEPS = 2000  # focal length and distance err together: along that valley hundreds are taken, each a little
 SETTLED = 1e-9  # of the objective: a step that gains less is the last
 
 

@@ -109,6 +109,7 @@ def test_drag_on_a_hanging_link_is_friction_at_its_hinge(double):
     assert {(r.kind, r.on) for r in far.alike} == {("viscous_friction", ("j1",)), ("linear_drag", ("upper",))}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("linkage_seed", "start", "frames"), [(5, 0.2, 0), (4, -0.3, 150)])
 def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(linkage_seed, start, frames):
     linkage, starts = scissor(np.random.default_rng(linkage_seed)), np.array([[start]])

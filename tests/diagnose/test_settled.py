@@ -59,6 +59,7 @@ def test_a_loose_pin_lets_a_held_bar_lie_anywhere_in_its_plane(sagged):
     assert np.abs(stretched - ways @ np.linalg.lstsq(ways, stretched, rcond=None)[0]).max() > 1e-4
 
 
+@pytest.mark.nightly
 def test_frames_before_the_release_may_lie_off_where_a_pin_is_loose(sagged):
     from backend.diagnose.fitted import fit, log_evidence, start_of
 

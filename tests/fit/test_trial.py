@@ -34,6 +34,7 @@ def seen():
     return seen_by_encoders(falling_chain(2 * DAMPING), DAMPING, SAMPLES, STEP_S, SIGMA_RAD)
 
 
+@pytest.mark.nightly
 def test_a_joint_that_throws_the_shared_fit_off_is_found_by_trial(seen):
     said = []
     result = fitted(seen(1, **{BAD: TIMES}), step_s=STEP_S, progress=lambda share, words: said.append(words))
@@ -67,6 +68,7 @@ def test_noise_larger_than_stated_costs_trials_and_gives_no_name(seen, seed):
     assert len(report.parameters) == 1
 
 
+@pytest.mark.nightly
 def test_a_name_that_simulations_do_not_bear_out_is_not_added(seen, monkeypatch):
     """As where parts strike and slopes promise too much: from the second round on they would add the wrong pin."""
     by_slopes, wrong = Sparse._name, 0

@@ -290,3 +290,20 @@ def test_a_camera_that_moves_is_found_from_where_it_would_have_seen_the_dots():
         camera_from_bars(as_in_first_picture(moved, bed, MARKERS, SIZE), drawing(), bed, SIZE), clean, xy
     )
     assert np.median(np.linalg.norm(errors, axis=-1)) < 1.5e-4
+
+
+def test_a_long_lens_that_stands_nearly_square_is_followed_to_where_marks_and_bars_have_it():
+    """Focal length and distance err together there: a search that ends on the way is sure of a lens that is not it."""
+    heights, frames = np.full(5, 0.012), 40
+    stood = Eye(1600.0, (646.3, 355.2), k1=-0.045, tilt_rad=(0.028, -0.019, 0.012), height_m=0.8)
+    px = stood.pixels(raised(fourbar(np.linspace(0, 6, frames)), heights))
+    tracks = pd.DataFrame(
+        {
+            "time_s": np.repeat(np.arange(frames) / 60, len(MARKERS)), "marker": np.tile(MARKERS, frames),
+            "x_px": px[..., 0].ravel(), "y_px": px[..., 1].ravel(), "status": "observed",
+            "cov_xx_px2": DOT_PX**2, "cov_xy_px2": 0.0, "cov_yy_px2": DOT_PX**2,
+        }
+    )  # fmt: skip
+    bed = bed_seen(stood, np.random.default_rng(5), tag_px=0.0, marker_height_m=0.0124)
+    camera = camera_from_bars(tracks, drawing(), bed, SIZE)
+    assert abs(camera.focal_px[0] - stood.focal_px) < camera.sd.focal_px[0] < 80.0

@@ -244,6 +244,7 @@ def test_a_fourbar_moves_the_same_either_way(kernel, monkeypatch):
     np.testing.assert_allclose(on, off, rtol=0, atol=1e-12)  # m; rows are closed to 1e-12 lengths of 0.25 m
 
 
+@pytest.mark.nightly
 def test_a_scissor_and_its_derivatives_move_the_same_either_way(kernel, monkeypatch):
     model, smooth = build(scissor(2, VISCOUS)), 80  # steps before it falls flat, where rounding grows
 
