@@ -26,6 +26,8 @@ from backend.simulate.piece import WHOLE, Piece
 from backend.simulate.slopes import known
 from backend.simulate.small import apply, apply_transposed
 
+CREEPING = 20.0  # times the rate below which dry friction holds: a joint as slow may be held, and stops nowhere
+
 
 class Motion(eqx.Module):
     """All that the next step needs to know."""
@@ -47,6 +49,8 @@ class Motion(eqx.Module):
     q: Float[Array, "joints"]
     rate: Float[Array, "joints"]
     """Of the joints' coordinates in the step before."""
+    quickening: Float[Array, "joints"]
+    """Change of the rate per second, from the step before that one."""
     borne: Float[Array, "joints"]
     """Share of its limit that dry friction bears, against the coordinate, -1 to 1."""
     opening: Float[Array, "walls"]
@@ -136,6 +140,7 @@ def frame(
         forces.dry_limits(system, rate),
         presliding,
         motion.borne,
+        _before_stop(system, motion, weight),
         step_s * (piece.blur * system.stick_rate + onset),
         weight * forces.joint_efforts(system, motion.q),
         motion.rate,
@@ -185,6 +190,18 @@ def _expected_rate(system: System, motion: Motion, jacobian: Array) -> Float[Arr
     velocity = motion.velocity + 0.5 * motion.before_s * motion.acceleration
     rates = apply(jacobian, _of_pairs(system, system.topology.joints, velocity))
     return law.displacement(system, rates)
+
+
+def _before_stop(system: System, motion: Motion, weight_s: Array) -> Float[Array, "joints"]:
+    """Share of the time around q_k that passes before a joint stops that goes on slowing down as it does.
+
+    Dry friction that changed its side with the rate at the end of that time would do so half a step too early on
+    average, which is of first order in the step; to foretell when it does so is of second.
+    """
+    rate, slowing = motion.rate, motion.rate * motion.quickening < 0.0
+    share = jnp.where(slowing, -rate / jnp.where(slowing, motion.quickening * weight_s, 1.0), 0.0)
+    creeping = (CREEPING * system.stick_rate) ** 2
+    return jnp.where(share < 1.0, share, 0.0) * rate**2 / (rate**2 + creeping)
 
 
 def _reach(

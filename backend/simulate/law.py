@@ -5,8 +5,9 @@ makes the impulses of an overconstrained mechanism unique (the compliance solve)
 with damping, inertia, a spring, dry friction and efforts; walls inside the joint (ends of travel, a loose hole) push
 on the rows they touch; any other row carries nothing.
 
-Dry friction: λ = -D (p u + y) / (p + √(y² + (h ε_v)²)), D = w limit + slope |λ_xy|; p is how far it gives before it
-slides, u the share of its limit that it bears at q_k, and w the time that a step's impulses stand for.
+Dry friction: λ = -D (β u + (1 - β) (p u + y) / (p + √(y² + (h ε_v)²))), D = w limit + slope |λ_xy|; p is how far it
+gives before it slides, u the share of its limit that it bears at q_k, w the time that a step's impulses stand for and β
+the share of w that is foretold to pass before the joint stops.
 """
 
 from typing import NamedTuple
@@ -45,6 +46,8 @@ class Drive(NamedTuple):
     """How far it gives before it slides [rad or m]."""
     borne: Float[Array, "joints"]
     """Share of the limit that it bears at q_k, -1 to 1."""
+    before_stop: Float[Array, "joints"]
+    """Share of `weight_s` that is foretold to pass before the joint stops; 0 where it does not."""
     stick: Float[Array, "joints"]
     """Displacement below which dry friction holds."""
     effort: Float[Array, "joints"]
@@ -88,7 +91,7 @@ def residual(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses
     moved = displacement(system, y)
     give = y - jnp.where(system.coordinate_rows, drive.target[:, None], 0.0) + system.compliance * impulses.rows
     limit = _dry_limit(system, drive, impulses.rows)
-    own = _smooth(system, drive, moved) - limit * borne(drive, moved)
+    own = _smooth(system, drive, moved) - limit * _rubbed(drive, moved)
     asked = jnp.where(free(system), own[:, None], 0.0)
     walls = impulses.walls
     if system.contacts.count:
@@ -112,10 +115,11 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
         walls = contact.slope(contacts, drive.reach, at_walls(system, y), impulses.walls)
         pushed = _on_rows(system, contact.force(contacts, walls.face, impulses.walls))
         dry = dry - jnp.sum(jnp.where(free(system), pushed, 0.0), -1)
-    dry = jnp.clip(dry, -limit, limit)
+    left = (1.0 - drive.before_stop) * limit
+    dry = jnp.clip(dry + drive.before_stop * limit * drive.borne, -left, left)
     own = 0.5 * drive.weight_s / drive.step_s * system.damping + system.rotor / drive.step_s
     own = own + 0.25 * drive.weight_s * system.stiffness
-    own = own + (limit + dry * moved / rounded) / (drive.presliding + rounded)
+    own = own + (left + dry * moved / rounded) / (drive.presliding + rounded)
     diagonal = jnp.where(held(system), 1.0 / system.compliance, jnp.where(free(system), own[:, None], 0.0))
     friction = jnp.zeros((moved.shape[0], 2))
     if not contacts.count and not system.load_dependent:
@@ -128,7 +132,7 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
         full = full + jnp.where(held(system)[:, :, None], 0.0, walled)
     if system.load_dependent:
         load = _load(system, drive, impulses.rows)
-        friction = (system.dry_per_load * borne(drive, moved) / load)[:, None] * impulses.rows[:, :2]
+        friction = (system.dry_per_load * _rubbed(drive, moved) / load)[:, None] * impulses.rows[:, :2]
         coupled = jnp.sum(friction[:, :, None] * full[:, :2], 1)
         full = full - jnp.where(free(system)[:, :, None], coupled[:, None, :], 0.0)
     return Slope(full, friction, walls)
@@ -202,6 +206,11 @@ def borne(drive: Drive, moved: Float[Array, "joints"]) -> Float[Array, "joints"]
     """
     p = drive.presliding
     return (p * drive.borne + moved) / (p + _rounded(drive, moved))
+
+
+def _rubbed(drive: Drive, moved: Float[Array, "joints"]) -> Float[Array, "joints"]:
+    """Share of its limit that dry friction bears on average over `weight_s`."""
+    return drive.before_stop * drive.borne + (1.0 - drive.before_stop) * borne(drive, moved)
 
 
 def _rounded(drive: Drive, moved: Array) -> Array:

@@ -73,6 +73,7 @@ def depart(system: System, start: Start) -> Motion:
         acceleration=jnp.zeros_like(start.velocity),
         q=kinematics.coordinates(system, bodies),
         rate=law.displacement(system, rates),
+        quickening=jnp.zeros(joints),
         borne=jnp.zeros(joints),
         opening=_opening(system, rows.value, rates),
         parting=meeting.partings(
@@ -222,7 +223,18 @@ def _moving(motion: Motion, step_s: float | Array, by: Any) -> Motion:
     """The same motion, where all that the steps give slopes to has one from the beginning, if anything of `by` has."""
 
     def begun(m: Motion) -> tuple:
-        return m.pose, m.momentum, m.velocity, m.acceleration, m.rate, m.borne, m.opening, m.parting, m.taken
+        return (
+            m.pose,
+            m.momentum,
+            m.velocity,
+            m.acceleration,
+            m.rate,
+            m.quickening,
+            m.borne,
+            m.opening,
+            m.parting,
+            m.taken,
+        )
 
     def timed(m: Motion) -> tuple:
         return m.time_s, m.before_s

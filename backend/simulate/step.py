@@ -228,8 +228,9 @@ def step(
     (xi, impulses), there = solved.unknowns, solved.there
     q = kinematics.coordinates_near(system, there.bodies, motion.q)
     velocity = xi / step_s
-    rate = Bounds(_opening(system, at, there.moved), meeting.partings(system, at.meeting, velocity))
-    took, asked = _accounts(system, at, motion, impulses, rate)
+    parting = Bounds(_opening(system, at, there.moved), meeting.partings(system, at.meeting, velocity))
+    took, asked = _accounts(system, at, motion, impulses, parting)
+    rate = law.displacement(system, there.moved) / step_s
     after = Motion(
         pose=at.pose.advance(xi),
         bodies=lax.stop_gradient(there.bodies),
@@ -240,10 +241,11 @@ def step(
         velocity=velocity,
         acceleration=(velocity - motion.velocity) / at.weight_s,
         q=lax.stop_gradient(q),
-        rate=law.displacement(system, there.moved) / step_s,
+        rate=rate,
+        quickening=(rate - motion.rate) / at.weight_s,
         borne=law.borne(at.drive, law.displacement(system, there.moved)),
-        opening=rate.walls,
-        parting=rate.touches,
+        opening=parting.walls,
+        parting=parting.touches,
         impulses=jax.tree.map(lax.stop_gradient, impulses),
         taken=took,
     )
