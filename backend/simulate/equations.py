@@ -17,16 +17,15 @@ from backend.joints.joint import SLIDE, TURN
 from backend.model.incidence import picked
 from backend.model.state import Pose
 from backend.model.system import STICK_RATE, System
-from backend.simulate import contact, forces, kinematics, law, linear, meeting
+from backend.simulate import contact, forces, kinematics, law, linear, meeting, rubbing
 from backend.simulate.contact import Reach
 from backend.simulate.giving import Bounds
 from backend.simulate.law import Drive, Impulses
 from backend.simulate.momentum import BodyRows, momentum, momentum_slope
 from backend.simulate.piece import WHOLE, Piece
+from backend.simulate.rubbing import foretell
 from backend.simulate.slopes import known
 from backend.simulate.small import apply, apply_transposed
-
-CREEPING = 20.0  # times the rate below which dry friction holds: a joint as slow may be held, and stops nowhere
 
 
 class Motion(eqx.Module):
@@ -52,7 +51,7 @@ class Motion(eqx.Module):
     quickening: Float[Array, "joints"]
     """Change of the rate per second, from the step before that one."""
     borne: Float[Array, "joints"]
-    """Share of its limit that dry friction bears, against the coordinate, -1 to 1."""
+    """Share of its limit that dry friction bears, against the coordinate, in the middle of the step before: -1 to 1."""
     opening: Float[Array, "walls"]
     """Rate of the gaps at the walls in the step before."""
     parting: Float[Array, "places"]
@@ -134,14 +133,13 @@ def frame(
     force = forces.body_forces(system, bodies, motion.velocity, lines)
     rate = _expected_rate(system, motion, rows.jacobian)
     presliding, onset = forces.giving(system, rate)
+    hold = piece.blur * system.stick_rate
+    limit = forces.dry_limits(system, rate)
+    rub = foretell(limit, presliding, hold, onset, motion.borne, motion.rate, motion.quickening, step_s, weight)
     drive = Drive(
         step_s,
         weight,
-        forces.dry_limits(system, rate),
-        presliding,
-        motion.borne,
-        _before_stop(system, motion, weight),
-        step_s * (piece.blur * system.stick_rate + onset),
+        rub,
         weight * forces.joint_efforts(system, motion.q),
         motion.rate,
         motion.q,
@@ -190,18 +188,6 @@ def _expected_rate(system: System, motion: Motion, jacobian: Array) -> Float[Arr
     velocity = motion.velocity + 0.5 * motion.before_s * motion.acceleration
     rates = apply(jacobian, _of_pairs(system, system.topology.joints, velocity))
     return law.displacement(system, rates)
-
-
-def _before_stop(system: System, motion: Motion, weight_s: Array) -> Float[Array, "joints"]:
-    """Share of the time around q_k that passes before a joint stops that goes on slowing down as it does.
-
-    Dry friction that changed its side with the rate at the end of that time would do so half a step too early on
-    average, which is of first order in the step; to foretell when it does so is of second.
-    """
-    rate, slowing = motion.rate, motion.rate * motion.quickening < 0.0
-    share = jnp.where(slowing, -rate / jnp.where(slowing, motion.quickening * weight_s, 1.0), 0.0)
-    creeping = (CREEPING * system.stick_rate) ** 2
-    return jnp.where(share < 1.0, share, 0.0) * rate**2 / (rate**2 + creeping)
 
 
 def _reach(
@@ -256,7 +242,8 @@ def _reach(
 def softened(at: Frame, factor: float | Array) -> Frame:
     """The same step with friction that holds only below a higher rate."""
     reach, meet = at.drive.reach, at.meeting
-    drive = at.drive._replace(stick=at.drive.stick * factor, reach=reach._replace(stick=reach.stick * factor))
+    rub = rubbing.softened(at.drive.rubbing, factor)
+    drive = at.drive._replace(rubbing=rub, reach=reach._replace(stick=reach.stick * factor))
     meet = meet._replace(stick=meet.stick * factor, reach=meet.reach._replace(stick=meet.reach.stick * factor))
     return at._replace(drive=drive, meeting=meet)
 

@@ -5,9 +5,7 @@ makes the impulses of an overconstrained mechanism unique (the compliance solve)
 with damping, inertia, a spring, dry friction and efforts; walls inside the joint (ends of travel, a loose hole) push
 on the rows they touch; any other row carries nothing.
 
-Dry friction: λ = -D (β u + (1 - β) (p u + y) / (p + √(y² + (h ε_v)²))), D = w limit + slope |λ_xy|; p is how far it
-gives before it slides, u the share of its limit that it bears at q_k, w the time that a step's impulses stand for and β
-the share of w that is foretold to pass before the joint stops.
+Dry friction carries -u (w limit + slope |λ_xy|), of which `rubbing` tells the share u.
 """
 
 from typing import NamedTuple
@@ -19,8 +17,9 @@ from jaxtyping import Array, Float
 from backend.joints.joint import SLIDE
 from backend.model.incidence import picked
 from backend.model.system import System
-from backend.simulate import contact
+from backend.simulate import contact, rubbing
 from backend.simulate.contact import Push, Reach
+from backend.simulate.rubbing import Rubbing
 
 
 class Impulses(NamedTuple):
@@ -40,16 +39,7 @@ class Drive(NamedTuple):
     step_s: float | Array
     weight_s: Array
     """Time that the step's impulses stand for: half of the steps before and after q_k."""
-    dry_limit: Float[Array, "joints"]
-    """Limit of dry friction at q_k, without what the load adds [N m or N]."""
-    presliding: Float[Array, "joints"]
-    """How far it gives before it slides [rad or m]."""
-    borne: Float[Array, "joints"]
-    """Share of the limit that it bears at q_k, -1 to 1."""
-    before_stop: Float[Array, "joints"]
-    """Share of `weight_s` that is foretold to pass before the joint stops; 0 where it does not."""
-    stick: Float[Array, "joints"]
-    """Displacement below which dry friction holds."""
+    rubbing: Rubbing
     effort: Float[Array, "joints"]
     """Impulse of the efforts that depend on position [N m s or N s]."""
     rate: Float[Array, "joints"]
@@ -91,7 +81,7 @@ def residual(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses
     moved = displacement(system, y)
     give = y - jnp.where(system.coordinate_rows, drive.target[:, None], 0.0) + system.compliance * impulses.rows
     limit = _dry_limit(system, drive, impulses.rows)
-    own = _smooth(system, drive, moved) - limit * _rubbed(drive, moved)
+    own = _smooth(system, drive, moved) - limit * rubbing.share(drive.rubbing, moved)
     asked = jnp.where(free(system), own[:, None], 0.0)
     walls = impulses.walls
     if system.contacts.count:
@@ -101,25 +91,19 @@ def residual(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses
 
 
 def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: Impulses) -> Slope:
-    """Slope of the laws here.
-
-    Dry friction's is the primal-dual one of Chan, Golub and Mulet (1999): equal to the true slope at the root, yet
-    it keeps Newton's method steady while a joint changes between sticking and sliding.
-    """
+    """Slope of the laws here."""
     contacts = system.contacts
     moved = displacement(system, y)
-    limit, rounded = _dry_limit(system, drive, impulses.rows), _rounded(drive, moved)
+    limit = _dry_limit(system, drive, impulses.rows)
     dry = jnp.sum(jnp.where(free(system), impulses.rows, 0.0), -1) - _smooth(system, drive, moved)
     walls = _no_walls(impulses)
     if contacts.count:
         walls = contact.slope(contacts, drive.reach, at_walls(system, y), impulses.walls)
         pushed = _on_rows(system, contact.force(contacts, walls.face, impulses.walls))
         dry = dry - jnp.sum(jnp.where(free(system), pushed, 0.0), -1)
-    left = (1.0 - drive.before_stop) * limit
-    dry = jnp.clip(dry + drive.before_stop * limit * drive.borne, -left, left)
     own = 0.5 * drive.weight_s / drive.step_s * system.damping + system.rotor / drive.step_s
     own = own + 0.25 * drive.weight_s * system.stiffness
-    own = own + (left + dry * moved / rounded) / (drive.presliding + rounded)
+    own = own + rubbing.stiffness(drive.rubbing, limit, dry, moved)
     diagonal = jnp.where(held(system), 1.0 / system.compliance, jnp.where(free(system), own[:, None], 0.0))
     friction = jnp.zeros((moved.shape[0], 2))
     if not contacts.count and not system.load_dependent:
@@ -132,7 +116,7 @@ def slope(system: System, drive: Drive, y: Float[Array, "joints 6"], impulses: I
         full = full + jnp.where(held(system)[:, :, None], 0.0, walled)
     if system.load_dependent:
         load = _load(system, drive, impulses.rows)
-        friction = (system.dry_per_load * _rubbed(drive, moved) / load)[:, None] * impulses.rows[:, :2]
+        friction = (system.dry_per_load * rubbing.share(drive.rubbing, moved) / load)[:, None] * impulses.rows[:, :2]
         coupled = jnp.sum(friction[:, :, None] * full[:, :2], 1)
         full = full - jnp.where(free(system)[:, :, None], coupled[:, None, :], 0.0)
     return Slope(full, friction, walls)
@@ -143,7 +127,7 @@ def dry_stiffness(
 ) -> Float[Array, "joints 6"]:
     """By how much dry friction's impulse changes at most as a joint turns by 1 rad or slides by `far_m`."""
     moved = displacement(system, y)
-    per = _dry_limit(system, drive, impulses.rows) / (drive.presliding + _rounded(drive, moved))
+    per = rubbing.steepest(drive.rubbing, _dry_limit(system, drive, impulses.rows), moved)
     slides = system.coordinate_rows[:, SLIDE]
     return jnp.where(free(system), (per * jnp.where(slides, far_m, 1.0))[:, None], 0.0)
 
@@ -200,26 +184,8 @@ def _smooth(system: System, drive: Drive, moved: Array) -> Array:
     return drive.effort - damping - spring - system.rotor * (rate - drive.rate)
 
 
-def borne(drive: Drive, moved: Float[Array, "joints"]) -> Float[Array, "joints"]:
-    """Share of its limit that dry friction bears after a displacement: bristles that bend by p before they slide
-    (Canudas de Wit et al. 1995, without their damping), taken implicitly, u = (p u⁻ + y) / (p + |y|).
-    """
-    p = drive.presliding
-    return (p * drive.borne + moved) / (p + _rounded(drive, moved))
-
-
-def _rubbed(drive: Drive, moved: Float[Array, "joints"]) -> Float[Array, "joints"]:
-    """Share of its limit that dry friction bears on average over `weight_s`."""
-    return drive.before_stop * drive.borne + (1.0 - drive.before_stop) * borne(drive, moved)
-
-
-def _rounded(drive: Drive, moved: Array) -> Array:
-    """|y|, rounded off where friction holds."""
-    return jnp.sqrt(moved**2 + drive.stick**2)
-
-
 def _dry_limit(system: System, drive: Drive, rows: Array) -> Array:
-    limit = drive.weight_s * drive.dry_limit
+    limit = drive.weight_s * drive.rubbing.limit
     return limit + system.dry_per_load * _load(system, drive, rows) if system.load_dependent else limit
 
 

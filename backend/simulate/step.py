@@ -10,7 +10,7 @@ from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Bool, Float, Int
 
 from backend.model.system import TOLERANCE, System
-from backend.simulate import contact, giving, kinematics, law, meeting, touch
+from backend.simulate import contact, giving, kinematics, law, meeting, rubbing, touch
 from backend.simulate.contact import Push, Reach
 from backend.simulate.equations import (
     Frame,
@@ -243,7 +243,7 @@ def step(
         q=lax.stop_gradient(q),
         rate=rate,
         quickening=(rate - motion.rate) / at.weight_s,
-        borne=law.borne(at.drive, law.displacement(system, there.moved)),
+        borne=rubbing.borne_after(at.drive.rubbing, rate * step_s),
         opening=parting.walls,
         parting=parting.touches,
         impulses=jax.tree.map(lax.stop_gradient, impulses),

@@ -41,9 +41,9 @@ def bristles(gives):
 def test_a_rubbing_bar_swings_as_bristles_bend(gives):
     exact = bristles(gives)
     off = [np.abs(swing(gives, step_s) - exact).max() for step_s in (2e-3, 5e-4)]
-    assert off[1] < 2.5e-3  # rad of a swing of 1.9: friction acts half a step early
-    assert off[1] < 0.45 * off[0]
-    assert off[1] < 0.1 * np.abs(swing(0.0, 5e-4) - exact).max()
+    assert off[1] < 1e-4  # rad of a swing of 1.9
+    assert off[1] < 0.3 * off[0]
+    assert off[1] < 0.01 * np.abs(swing(0.0, 5e-4) - exact).max()
 
 
 def test_a_bar_whose_friction_sets_in_with_its_rate_creeps_down():
@@ -59,8 +59,8 @@ def test_a_bar_whose_friction_sets_in_with_its_rate_creeps_down():
     dry = effect("dry", "coulomb_friction", ["pin"], friction_torque_n_m=LIMIT, onset_rad_per_s=onset)
     motion = follow(build(pendulum(ANGLE, LENGTH, MASS, [dry])), step_s, round(DURATION_S / step_s))
     off = np.abs(motion.path.q[:: round(2e-3 / step_s), 0] - exact).max()
-    assert off < 2.5e-3
-    assert np.abs(swing(0.0, step_s) - exact).max() > 4.0 * off
+    assert off < 5e-4
+    assert np.abs(swing(0.0, step_s) - exact).max() > 20.0 * off
 
 
 def test_a_block_under_half_of_its_friction_gives_and_comes_back():
