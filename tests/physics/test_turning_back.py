@@ -90,8 +90,10 @@ def test_what_more_friction_changes_passes_through_every_turn(block):
     assert np.abs(slope - told).max() < 2e-3 * np.abs(told).max()
 
 
-def test_two_arms_whose_joints_turn_back_apart_are_of_second_order():
-    arms = [
+@pytest.fixture(scope="module")
+def arms():
+    """Two arms that fall, each joint with friction of its own."""
+    parts = [
         body("upper", (0.1, 0, 0), Rotation.identity(), 0.2, 2.0 * MOMENTS),
         body("lower", (0.3, 0, 0), Rotation.identity(), 0.2, 2.0 * MOMENTS),
     ]
@@ -101,10 +103,27 @@ def test_two_arms_whose_joints_turn_back_apart_are_of_second_order():
     ]
     limits = {"shoulder": 0.01, "elbow": 0.004}
     dry = [effect(f"dry {id}", "coulomb_friction", [id], friction_torque_n_m=t) for id, t in limits.items()]
-    model = build(drawing("arms", arms, joints, dry))
-    paths = [follow(model, 2e-3 / 2**k, 700 * 2**k).path for k in range(4)]
+    return build(drawing("arms", parts, joints, dry))
+
+
+def test_two_arms_whose_joints_turn_back_apart_are_of_second_order(arms):
+    paths = [follow(arms, 2e-3 / 2**k, 700 * 2**k).path for k in range(4)]
     assert np.sum(np.diff(np.sign(paths[-1].rate), axis=0) != 0) > 8  # turns
     ends = [path.q[:: 2**k] for k, path in enumerate(paths)]
     apart = [np.sqrt(np.mean((fine - coarse) ** 2, 0)) for coarse, fine in pairwise(ends)]
     np.testing.assert_allclose(apart[0] / apart[2], 16.0, rtol=0.25)
     assert apart[2].max() < 5e-5  # rad
+
+
+def test_a_motion_is_smooth_in_the_size_of_its_friction(arms):
+    """A millionth of a newton metre at a time, through turns that fall anywhere in a step."""
+    frictions, by = {("dry shoulder", "friction_torque_n_m"): 0.03}, 1e-6
+    paths = [
+        follow(
+            arms.with_parameters({**frictions, ("dry elbow", "friction_torque_n_m"): 0.02 + k * by}), 1e-3, 1500
+        ).path.q
+        for k in range(60)
+    ]
+    slopes = np.diff(paths, axis=0) / by
+    usual = np.median(slopes, 0)
+    assert np.sqrt(np.mean((slopes - usual) ** 2)) < 0.03 * np.sqrt(np.mean(usual**2))
