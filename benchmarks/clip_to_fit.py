@@ -195,6 +195,8 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     clip = film(1e-3 * asked.play)
     if asked.picture:
+        if not (folder_of(clip, "kit") / "fit.json").exists():
+            parser.error("the kit's fit is not there to draw: run `python -m benchmarks.clip_to_fit kit` first")
         picture(clip, frame=45, path=asked.picture)
         return
     print(
