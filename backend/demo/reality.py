@@ -18,7 +18,7 @@ from backend.mechanism.mechanism import Mechanism
 FRAMES_PER_S = 240.0
 HELD_S = 0.1  # the linkage is held still, so that its start can be measured
 MOVING_S = 1.1
-STEPS_PER_FRAME = 40
+STEPS_PER_FRAME = 40  # of Exudyn, whose friction takes its side once a step: 10 put the motion 5 µm off, this 1.5
 LOOK = Look(dot_radius_m=0.0026, ring_radius_m=0.0042, bar_width_m=0.009)  # markers stand 10 mm apart
 WIDTH_PX, HEIGHT_PX = 960, 540
 

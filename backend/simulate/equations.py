@@ -23,7 +23,6 @@ from backend.simulate.giving import Bounds
 from backend.simulate.law import Drive, Impulses
 from backend.simulate.momentum import BodyRows, momentum, momentum_slope
 from backend.simulate.piece import WHOLE, Piece
-from backend.simulate.rubbing import foretell
 from backend.simulate.slopes import known
 from backend.simulate.small import apply, apply_transposed
 
@@ -135,7 +134,8 @@ def frame(
     presliding, onset = forces.giving(system, rate)
     hold = piece.blur * system.stick_rate
     limit = forces.dry_limits(system, rate)
-    rub = foretell(limit, presliding, hold, onset, motion.borne, motion.rate, motion.quickening, step_s, weight)
+    before = motion.borne, motion.rate, motion.quickening
+    rub = rubbing.foretell(limit, presliding, hold, onset, *before, step_s, weight)
     drive = Drive(
         step_s,
         weight,
