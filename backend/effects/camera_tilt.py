@@ -23,8 +23,9 @@ class CameraTilt(AbstractView):
     pitch_rad: Float[Array, ""] = parameter("rad", "about the picture's horizontal", expected=0.05, rests_on=AFAR)
     yaw_rad: Float[Array, ""] = parameter("rad", "about the picture's vertical", expected=0.05, rests_on=AFAR)
     distance_m: Float[Array, ""] = parameter(
-        "m", "from the camera to the mechanism; 0: three times the extent of what is drawn", lower=0.0, by_name=True
-    )
+        "m", "from the camera to the mechanism; 0: three times the extent of what is drawn", lower=0.0, by_name=True,
+        expected=1.5, tries=(FAR,), late=True,
+    )  # fmt: skip
     aim_right_m: Float[Array, ""] = parameter(
         "m", "where the line of sight meets the picture, right of the middle of what is drawn", by_name=True,
         expected=0.5, tries=(0.0,),

@@ -27,7 +27,7 @@ class RollingShutter(AbstractShutter):
 
     stamped_row: Float[Array, ""] = parameter(
         "1", "whose time is stated: 0 the first, 1 the last; beyond these where the picture is higher than `height_m`",
-        default=0.5, lower=-1.0, upper=2.0, by_name=True, expected=0.3, tries=(0.5,),
+        default=0.5, lower=-1.0, upper=2.0, by_name=True, proportional_to="readout_s", expected=0.3, tries=(0.5,),
     )  # fmt: skip
 
     def delay(self, sight, camera):

@@ -139,6 +139,25 @@ def test_where_a_camera_aims_stays_free_although_it_moves_nothing_before_there_i
     assert of_it.prior_sd.min() > 0.0
 
 
+def test_which_row_a_clock_speaks_of_tells_its_slope_before_there_is_a_rolling_shutter():
+    found = library(fourbar(), SMOOTH)
+    rolling = next(c for c in found.candidates if c.kind == "rolling_shutter")
+    size, shape = rolling.proportional
+    assert [rolling.parameters[i].parameter for i in (size, shape)] == ["readout_s", "stamped_row"]
+    assert {name.rpartition(".")[2] for name in rolling.told} == {"readout_s", "stamped_row"}
+    late = rolling.offsets(np.array([0.0, -1.0]))  # a clock that is late altogether: a readout of rows all on one side
+    assert late[size] > 0.0
+    assert rolling.steps(late)[shape] == pytest.approx(-1.0)
+
+
+def test_how_far_off_a_leaning_camera_stands_is_free_once_its_tilt_came_out_best():
+    tilt = next(c for c in library(fourbar(), SMOOTH).candidates if c.kind == "camera_tilt")
+    (shaped,) = tilt.closer
+    assert {p.parameter for p in shaped.parameters} - {p.parameter for p in tilt.parameters} == {"distance_m"}
+    (distance,) = (p for p in shaped.parameters if p.parameter == "distance_m")
+    assert distance.start > distance.prior_sd > 0.0
+
+
 def test_where_a_spring_rests_stays_free_although_it_moves_nothing_before_there_is_a_spring():
     found = library(fourbar(), SMOOTH)
     loudness = np.array([0.0 if p.parameter == "rest_rad" else 1.0 for p in found.parameters])

@@ -38,3 +38,10 @@ def test_a_tilt_owes_to_the_distance_of_a_camera_that_nobody_gave(drawn, share):
     parameters = free_parameters(mechanism, ("camera_tilt:camera.pitch_rad", "camera_tilt:camera.yaw_rad")).parameters
     assert guesses(mechanism, parameters, np.array([-0.02, 0.01])) == pytest.approx([0.02 * share, 0.01 * share])
     assert all("distance_m" in sentence for sentence in told(mechanism, parameters))
+
+
+def test_a_tilt_owes_nothing_to_a_distance_that_is_free_itself():
+    asked = ("camera_tilt:camera.yaw_rad", "camera_tilt:camera.distance_m")
+    parameters = free_parameters(pendulum(), asked).parameters
+    assert guesses(pendulum(), parameters, np.array([0.02, 0.9])) == pytest.approx([0.0, 0.0])
+    assert not list(told(pendulum(), parameters))
