@@ -32,9 +32,7 @@ def told(mechanism: Mechanism, parameters: Sequence[FreeParameter]) -> Iterator[
             )
 
 
-def _guess(
-    mechanism: Mechanism, parameter: FreeParameter, beside: Sequence[FreeParameter]
-) -> tuple[str, float] | None:
+def _guess(mechanism: Mechanism, parameter: FreeParameter, beside: Sequence[FreeParameter]) -> tuple[str, float] | None:
     """`rests_on` of its declaration, unless the drawing gives that or it is free itself."""
     kind = catalogue().get(parameter.kind)  # a camera's numbers have none
     declared = kind.declarations().get(parameter.parameter) if kind else None

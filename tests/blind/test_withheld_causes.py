@@ -110,14 +110,17 @@ def test_drag_on_a_hanging_link_is_friction_at_its_hinge(double):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(("linkage_seed", "start", "frames"), [(5, 0.2, 0), (4, -0.3, 150)])
-def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(linkage_seed, start, frames):
+@pytest.mark.parametrize(
+    ("linkage_seed", "start", "frames", "size", "d2"),
+    [(5, 0.2, 0, 0.01, 1e5), (4, -0.3, 150, 0.01, 1e5), (5, 0.2, 0, 0.06, 4e6)],
+)
+def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(linkage_seed, start, frames, size, d2):
     linkage, starts = scissor(np.random.default_rng(linkage_seed)), np.array([[start]])
     rig, time_s = rig_of(linkage, starts), np.arange(frames) / 90
     record = Record(time_s - 0.2, time_s) if frames else RECORD
     witness = Witness(rig.linkage, starts, record, NOISE)
-    made = cause(rig, "viscous_friction", 0, 0.01, None)
-    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e5)
+    made = cause(rig, "viscous_friction", 0, size, None)
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), d2)
     hinges = tuple(pin.id for pin in rig.linkage.pins if pin.id != "slot")
     # Feet turn half as fast, which a quarter of the friction makes up for; only the slot slides another way.
     alike = {rival.on for rival in far.alike if rival.kind == "viscous_friction"}

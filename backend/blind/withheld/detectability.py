@@ -23,7 +23,7 @@ ALIKE = 9.0
 NEAR = 0.1  # of d²: a rival whose first-order remainder is larger is not worth a fit
 FITTED = 2  # rivals that are fitted, at most
 ROUNDS = 3
-TANGENT = 0.001  # of the truth: a step along its own way
+TANGENT = 1e-4  # of the truth: a step along its own way
 # Rivals wherever the truth lies: a hinge at the ground and the link it carries name the same friction or inertia.
 EVERYWHERE = (
     "viscous_friction", "coulomb_friction", "effort_offset", "linear_drag", "rotor_inertia", "inertia_error",
@@ -32,7 +32,7 @@ EVERYWHERE = (
 PLANAR = {"center_of_mass_error": "centre", "marker_offset": "shifted", "tracker_drift": "drift"}
 # No slope at zero, or more numbers than a rival of one kind should be allowed.
 WITHOUT_SLOPE = ("joint_stop", "clearance", "base_motion", "stribeck_friction")
-SMALL = 0.001  # of a kind's lowest telling size: a step along its direction; 0.02 bends by more than d2 of 1e5 forgives
+SMALL = 1e-4  # of a kind's lowest telling size: a step along its direction; 1e-3 bends by more than d2 of 4e6 forgives
 START_STEP = 1e-4  # rad or m
 TOLERANCE = 1e-6  # neighbouring rows take the same steps, so their differences are far more exact
 SEEN_ONLY = frozenset(

@@ -19,6 +19,7 @@ from backend.blind.withheld.motion import Stuck, move
 
 KIND = "stribeck_friction"
 PROPORTIONAL = 1e-3  # of a hinge's largest rate, by which it may leave the ratio
+UNSEEN = 0.3  # of what the data would show; beside a bar of another length ratios are not quite fixed
 STEP = 0.02  # of the logarithm of a number
 
 
@@ -38,7 +39,8 @@ def with_other_hinges(
     if truth.kind != KIND or rest.has("coulomb", "rub", "bump"):
         return far
     (own,) = {change.index for change in truth.changes if change.index is not None}
-    turns = ratios(witness, rig, changed(rest, truth.changes), own)
+    within = max(PROPORTIONAL, UNSEEN * float(np.sqrt(ALIKE / max(far.d2, ALIKE))))
+    turns = ratios(witness, rig, changed(rest, truth.changes), own, within)
     same = [_rival(rig, (i,)) for i in turns if i != own]
     found = Distance(far.d2, (*far.rivals, *same), (*far.remainders, *(0.0 for _ in same)))
     hinges = places(rig.linkage, "hinge")
@@ -48,8 +50,8 @@ def with_other_hinges(
     return Distance(found.d2, (*found.rivals, _rival(rig, hinges)), (*found.remainders, left))
 
 
-def ratios(witness: Witness, rig: Rig, laws: Laws, own: int) -> dict[int, float]:
-    """Of each hinge that turns at a fixed ratio to the true one, that ratio."""
+def ratios(witness: Witness, rig: Rig, laws: Laws, own: int, within: float = PROPORTIONAL) -> dict[int, float]:
+    """Of each hinge that turns at a fixed ratio to the true one, within this share of its largest rate, that ratio."""
     count = len(witness.starts)
     motion = move(rig.linkage, laws.repeated(count), witness.starts, witness.record.duration_s)
     n = motion.plant.n
@@ -59,7 +61,7 @@ def ratios(witness: Witness, rig: Rig, laws: Laws, own: int) -> dict[int, float]
     for i in places(rig.linkage, "hinge"):
         rate = rates[..., i].ravel()
         ratio = float(rate @ true / max(true @ true, 1e-300))
-        if ratio and np.abs(rate - ratio * true).max() < PROPORTIONAL * np.abs(rate).max():
+        if ratio and np.abs(rate - ratio * true).max() < within * np.abs(rate).max():
             found[i] = abs(ratio)
     return found
 
