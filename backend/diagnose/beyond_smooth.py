@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause
 from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.ends import stopping_alike
-from backend.diagnose.library import LOAD, PLAYS, SMOOTH, alike, families, library, rubs_dry
+from backend.diagnose.fitted import mean_square
+from backend.diagnose.library import LOAD, PLAYS, SMOOTH, STOPS, alike, families, library, rubs_dry
+from backend.diagnose.onset import Onset, onset
 from backend.diagnose.standards import NOTHING, SURE, WORTH, AbstractStandards
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import let_go
@@ -26,6 +29,7 @@ IN_THE_PICTURE = 0.99  # probability of camera and markers beyond which no effec
 UNREAD = 25.0  # noise variances a sample: so much left is far from linear, and shifts follow it as well as forces
 FAINT = 200.0  # sum of squares, in noise variances, that a cause takes off: so little is soon imitated
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
+HARM = 4.0  # noise variances a sample, of a beginning that is well without it: so much no smooth single cause does
 MOST = 0.5  # one more effect must leave at most this share of the power where the law of blows would excuse it
 
 
@@ -68,19 +72,19 @@ class AbstractBeyondSmooth(AbstractStandards):
                 if self._likelier(cause, best):
                     best, last = self._judged(cause, search)
             best, last = self._closer(best, last, search)
-            if search.tried.get(best.names) is best:
+            found = search.tried.get(best.names) is best
+            if found:
                 best, last = self._closer(*self._joined(best, last, search), search)
-            elif self._settled(best, last):
+            if self._settled(best, last):
                 break
-            elif len(best.candidates) <= SURE:
-                for beside in self._besides(best, alone):
-                    for cause in switching(search, self.baseline, family, motion, best, beside)[:1]:
-                        self.search.tried[cause.names] = cause
-                        cause, judged = self._judged(cause, search)
-                        if self._accepted(cause, best, judged, last):
-                            best, last = self._closer(cause, judged, search)
-                    if self._settled(best, last):
-                        break
+            for beside in self._besides(best, None if found else alone, found):
+                for cause in switching(search, self.baseline, family, motion, best, beside)[:1]:
+                    self.search.tried[cause.names] = cause
+                    cause, judged = self._judged(cause, search)
+                    if self._accepted(cause, best, judged, last):
+                        best, last = self._closer(cause, judged, search)
+                if self._settled(best, last):
+                    break
             if self._settled(best, last):
                 break
         return best, last
@@ -199,16 +203,53 @@ class AbstractBeyondSmooth(AbstractStandards):
         singles = [c for c in self.search.tried.values() if len(c.candidates) == 1 and c.fitted.fraction == 1.0]
         return max(singles, key=self._by_fit, default=None)
 
-    def _besides(self, best: Cause, alone: Cause | None) -> list[Cause]:
-        """Single causes beside which one that switches on is tried: the likeliest, and each member of the best pair, of
-        which the other may only imitate what switches on.
+    def _besides(self, best: Cause, alone: Cause | None, found: bool) -> list[Cause]:
+        """Single causes beside which one that switches on is tried: what is enough for the beginnings of the records;
+        the likeliest, and each member of the best pair, of which the other may only imitate what switches on. found:
+        whether the best set switches on already, which all but the first of these would be tried beside in vain.
         """
-        found = [alone] if alone is not None else []
-        for member in best.candidates:
-            single = self._single(best, member)
-            if single is not None and single.names not in [c.names for c in found]:
-                found.append(single)
-        return [c for c in found if c.fitted.fraction == 1.0]
+        if len(best.candidates) > SURE:
+            return []
+        members = [] if found else [self._single(best, m) for m in best.candidates]
+        whole = [c for c in (alone, *members) if c is not None and c.fitted.fraction == 1.0]
+        asked: dict[tuple[str, ...], Cause] = {}
+        for cause in whole if self._at_first is None else (self._at_first, *whole):
+            asked.setdefault(cause.names, cause)
+        return list(asked.values())
+
+    @cached_property
+    def _onset(self) -> Onset | None:
+        """How far into the records the drawing, or a single cause, is enough."""
+        return onset(self.search, self.scale)
+
+    @property
+    def _at_first(self) -> Cause | None:
+        """A single cause that is enough for the beginnings of the records, where the drawing is not."""
+        return None if self._onset is None or not self._onset.cause.candidates else self._onset.cause
+
+    def _struck(self, top: Cause, judged: Adequacy) -> tuple[Cause, Adequacy] | None:
+        """An end of travel, alone or beside what is enough until it is met, where that settles it. None where nothing
+        says that it came on later: where the likeliest single cause is not that one, nor harms the beginnings.
+        """
+        stops = sorted(STOPS & set(families(self.without)))
+        if not stops or self._cancelled() or not judged.excess > UNREAD or self._onset is None:
+            return None
+        share, first = self._onset
+        if top.names != first.names and not mean_square(top.fitted, share) > HARM * self.scale**2:
+            return None
+        self._tell(f"all is well in the first {share:.0%} of the records, trying what is met later")
+        beside, motion = first if first.candidates else None, let_go(self.baseline.fitted)
+        for family in stops:
+            search = self._search_of(family)
+            if search is None:
+                continue
+            self.searches[id(search.subject)] = search
+            for cause in switching(search, self.baseline, family, motion, top, beside)[:1]:
+                self.search.tried[cause.names] = cause
+                best, last = self._closer(*self._judged(cause, search), search)
+                if self._settled(best, last):
+                    return best, last
+        return None
 
     def _single(self, pair: Cause, member: Candidate) -> Cause | None:
         """A member of a smooth pair alone, fitted where that was not done yet; None of one that is not smooth."""

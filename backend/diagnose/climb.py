@@ -11,6 +11,7 @@ from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
 from backend.diagnose.beyond_smooth import AbstractBeyondSmooth
 from backend.diagnose.cause import Cause
+from backend.diagnose.closer import closer
 from backend.diagnose.recombined import recombined
 from backend.diagnose.same_motion import complete, elsewhere
 from backend.diagnose.softness import softness
@@ -52,6 +53,8 @@ class Climb(AbstractBeyondSmooth):
             best, found = top, judged
             if self._may_mislead(top) and not self.enough(judged):
                 best, found = top, judged = self._exchanged(top, judged, WORTH)
+            if depth == 1 and not self.enough(judged) and (struck := self._struck(top, judged)) is not None:
+                return struck
             if top.fitted.fraction == 1.0:
                 self.scale = max(1.0, min(judged.noise, 1.5))
             if depth == DEEPEST or self._cancelled():
@@ -67,8 +70,8 @@ class Climb(AbstractBeyondSmooth):
             found = adequacy(best.fitted, self.search.latent, self.rng)
         if len(best.candidates) > SURE and self._may_mislead(best) and not self._cancelled():
             best, found = self._exchanged(best, found, NAMED)
-        if len(best.candidates) > 1 and self.enough(found) and not self._cancelled():
-            best, found = self._thinned(best, found)
+        if len(best.candidates) > 1 and not self._cancelled():
+            best, found = self._thinned(best, found) if self.enough(found) else self._shaped(best, found)
         if not self._cancelled():
             best, found = self._narrowed(best, found)
         if len(best.candidates) <= SURE and best.fitted.fraction == 1.0 and elsewhere(self.search, best):
@@ -88,6 +91,11 @@ class Climb(AbstractBeyondSmooth):
         for member in best.candidates:
             self.search.without(best, member)
         return self._likelier_than(best, found)
+
+    def _shaped(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
+        """A set that is not enough with what of a member's shape is freed late, where that makes it likelier."""
+        better = closer(self.search, best) if best.fitted.fraction == 1.0 else best
+        return (best, found) if better is best else self._judged(better)
 
     def _narrowed(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
         """A set with a simpler form in the place of one that contains it, where that is more probable: beside another

@@ -40,6 +40,7 @@ SWITCHING = (AbstractJointClearance, AbstractJointStop, AbstractSection)  # noth
 DECLARED_ONLY = (AbstractLinkContact,)  # their geometry must be drawn
 SMOOTH, LOAD = "smooth", "load"
 PLAYS = frozenset(kind for kind, e in catalogue().items() if issubclass(e, AbstractJointClearance))  # families of play
+STOPS = frozenset(kind for kind, e in catalogue().items() if issubclass(e, AbstractJointStop))  # families of ends
 TIGHT = 1e-6  # mechanism lengths: play of a pin that is as good as none
 GIVES = (10.0, 1.0, 0.1)  # of the softest stiffness that nobody need state: where a search for it begins
 OF_DRAWN = 0.3  # of a value that is drawn: how far it may be off before any data

@@ -20,9 +20,8 @@ from backend.diagnose.library import SMOOTH, heard, library
 from backend.diagnose.screen import library_slopes
 from backend.diagnose.step_error import ORDERLY, apart, orderly, step_error, step_errors
 from backend.diagnose.subject import prepare
-from backend.diagnose.switched import CHANCE
 from backend.diagnose.where import place_evidence
-from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Search
+from backend.diagnose.which import CHANCE, LEADERS, PARTNERS, REFITS, Search
 from backend.fit.fit_study import default_step
 from backend.mechanism.apart import set_apart
 from backend.mechanism.study import Study, driven_effects

@@ -12,14 +12,13 @@ from backend.diagnose.fitted import BEHIND, Fitted, fit, mean_square, start_of
 from backend.diagnose.library import LOAD, PLAYS
 from backend.diagnose.subject import Choice
 from backend.diagnose.switch import promising
-from backend.diagnose.which import Search
+from backend.diagnose.which import CHANCE, Search
 
 SWITCHES = 3  # causes of a kind that switches on, refitted
 BRIEF = 4  # iterations of a first look
 GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
 TAKEN = 0.6  # of the misfit beyond noise of a part of the records, left by a cause that is worth the rest of them
 SPARE = 0.25  # noise variances that a part of the records may always leave
-CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 
 
 def switching(

@@ -30,6 +30,7 @@ PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
 APART = 9.0  # squared sd below which two explanations do the same
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
+CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 Wider = Mapping[str, Sequence[Candidate]]
 
 
@@ -115,7 +116,7 @@ class Search:
             plain = [c for c in free if all(c not in forms for forms in wider.values())]
             fits: list[Fitted] = []
             there = [c for c in plain if c.places == (place,) and about.gain(c) > 0.0] if i == 0 else []
-            for candidate in dict.fromkeys([*self._promising(about, plain, refits), *there]):
+            for candidate in dict.fromkeys([*self.promising(about, plain, refits), *there]):
                 self._join(parent, about.early or about, candidate, fits, rival)
             self._widen(parent, about.early or about, wider, fits, rival)
             made += [self.keep(f) for f in self._stretch(fits) if in_order(f)]
@@ -125,7 +126,7 @@ class Search:
         """Whether one of a parent's members is a form of the candidate, or the other way: both would do one thing."""
         return any({(candidate.name, m), (m, candidate.name)} & self.forms for m in parent.names)
 
-    def _promising(self, about: Screen, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+    def promising(self, about: Screen, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
         """Those that gain most to first order; of a large misfit half as many by its beginning, too."""
         found = [c for c, gain in about.ranking(candidates)[:most] if gain > LEAST]
         if about.early is not None:
