@@ -17,7 +17,7 @@ from backend.diagnose.ends import stopping_alike
 from backend.diagnose.fitted import mean_square
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, STOPS, alike, families, library, rubs_dry
 from backend.diagnose.onset import Onset, onset
-from backend.diagnose.standards import NOTHING, SURE, WORTH, AbstractStandards
+from backend.diagnose.standards import NOTHING, SMALL, SURE, WIDE, WORTH, AbstractStandards
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import let_go
 from backend.diagnose.switched import switching
@@ -247,7 +247,8 @@ class AbstractBeyondSmooth(AbstractStandards):
             for cause in switching(search, self.baseline, family, motion, top, beside)[:1]:
                 self.search.tried[cause.names] = cause
                 best, last = self._closer(*self._judged(cause, search), search)
-                if self._settled(best, last):
+                plain = self.enough(last) or last.power < SMALL**2 * min(self.at_base.power, WIDE)
+                if plain and self._settled(best, last):  # no smooth pair is asked, so it must be as good as one
                     return best, last
         return None
 

@@ -178,24 +178,33 @@ def test_what_is_enough_until_something_switches_on_is_a_partner_first():
 
 
 @pytest.mark.parametrize(
-    ("excess", "name", "harm", "sought"),
-    [(1e3, "b", 9.0, True), (1e3, "b", 2.0, False), (1e3, "a", 1.0, True), (9.0, "b", 9.0, False)],
-    ids=["harms a beginning", "harms none", "is the one", "leaves little"],
+    ("excess", "name", "harm", "power", "sought", "named"),
+    [
+        (1e3, "b", 9.0, 2.0, True, True),
+        (1e3, "b", 9.0, 3.0, True, False),
+        (1e3, "b", 2.0, 2.0, False, False),
+        (1e3, "a", 1.0, 2.0, True, True),
+        (9.0, "b", 9.0, 2.0, False, False),
+    ],
+    ids=["harms a beginning", "is coarse", "harms none", "is the one", "leaves little"],
 )
-def test_an_end_of_travel_is_sought_first_where_something_came_later(monkeypatch, excess, name, harm, sought):
+def test_an_end_of_travel_is_sought_first_where_something_came_later(
+    monkeypatch, excess, name, harm, power, sought, named
+):
     climb = climbing(monkeypatch, enough=False, refused=False)
     first, top, struck = (SimpleNamespace(names=(n,), candidates=(1,), fitted=None) for n in ("a", name, "stop"))
     climb._onset, climb.scale, climb.baseline, climb.searches = Onset(0.1, cast(Any, first)), 1.0, top, {}
-    climb.search, beside = SimpleNamespace(tried={}), []
+    climb.search, beside, left = SimpleNamespace(tried={}), [], SimpleNamespace(power=power)
+    climb.at_base = SimpleNamespace(power=1e3)
     monkeypatch.setattr(module, "mean_square", lambda fitted, share: harm)
     monkeypatch.setattr(module, "let_go", lambda fitted: {})
     monkeypatch.setattr(module, "switching", lambda *asked: beside.append(asked[-1]) or [struck])
     monkeypatch.setattr(climb, "_cancelled", lambda: False)
     monkeypatch.setattr(climb, "_search_of", lambda family: SimpleNamespace(subject=None))
-    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, left))
     monkeypatch.setattr(climb, "_closer", lambda best, last, search: (best, last))
     monkeypatch.setattr(climb, "_settled", lambda best, last: True)
-    assert climb._struck(top, SimpleNamespace(excess=excess)) == ((struck, "judged") if sought else None)
+    assert climb._struck(top, SimpleNamespace(excess=excess)) == ((struck, left) if named else None)
     assert beside == ([first] if sought else [])
 
 
