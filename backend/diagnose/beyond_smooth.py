@@ -52,6 +52,8 @@ class AbstractBeyondSmooth(AbstractStandards):
         refused, lost = self.refused(best), best.fitted.fraction < 1.0
         if not (refused or lost) and (self.enough(last) or self._little(best, last, 1)):
             return self._or_play(best, last)
+        if self._settled(best, last):  # by an end of travel that was met
+            return best, last
         if refused:
             self._tell(f"held-out experiments refuse {' + '.join(best.names)}")
         best, last = self._tuned(best, last)
@@ -187,6 +189,8 @@ class AbstractBeyondSmooth(AbstractStandards):
         refused: by held-out experiments. lost: the motion, before the records end.
         """
         every = sorted(set(families(self.without)) - {SMOOTH}, key=lambda family: (family != LOAD, family))
+        if lost and self.enough(last):  # all is well until something is met
+            return sorted(every, key=lambda family: family not in STOPS)
         if lost or (refused and self.enough(last)):  # nothing that is left here says where to look
             return every
         if not refused and last.excess * best.fitted.r.size < WORTH_A_TRY:
