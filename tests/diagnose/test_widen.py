@@ -63,7 +63,7 @@ def test_a_form_is_not_tried_beside_a_simpler_one_at_its_place(monkeypatch):
     search.forms = set()
     search.subject = SimpleNamespace(library=SimpleNamespace(candidates=[dry, worn, elsewhere_]))
     monkeypatch.setattr(search, "screen", lambda cause: SimpleNamespace(early=None, gain=lambda candidate: 1.0))
-    monkeypatch.setattr(search, "_promising", lambda about, plain, refits: plain)
+    monkeypatch.setattr(search, "promising", lambda about, plain, refits: plain)
     monkeypatch.setattr(search, "_stretch", lambda fits: [])
     monkeypatch.setattr(which, "is_new", lambda candidate, cause: candidate.name not in cause.names)
     forms = {dry.name: [worn]}

@@ -29,6 +29,7 @@ EVERYWHERE = (
     "viscous_friction", "coulomb_friction", "effort_offset", "linear_drag", "rotor_inertia", "inertia_error",
     "torsion_spring",
 )  # fmt: skip
+IN_A_PICTURE = ("marker", "bar")  # what is off by places may be off in a camera: rivals of what is amiss with one
 PLANAR = {"center_of_mass_error": "centre", "marker_offset": "shifted", "tracker_drift": "drift"}
 # No slope at zero, or more numbers than a rival of one kind should be allowed.
 WITHOUT_SLOPE = ("joint_stop", "clearance", "base_motion", "stribeck_friction")
@@ -78,11 +79,13 @@ def whitened(clean: np.ndarray, noise: Noise) -> np.ndarray:
 
 def rivals_of(rig: Rig, truth: Sequence[Cause], left_out: Sequence[str] = ()) -> list[Rival]:
     """Known causes that share the truth's kind or its place, act on the links of its joint or the joints of its link,
-    or concern the whole; those that may stand anywhere also at all such places at once.  All of them of no truth.
+    or concern the whole, and of a camera all marks and lengths; those that may stand anywhere also at all such places
+    at once.  All of them of no truth.
     """
     linkage = rig.linkage
     kinds = {cause.kind for cause in truth}
     near = {place for cause in truth for place in _around(linkage, cause)}
+    pictured = "camera" in near
     found = []
     for name, k in KINDS.items():
         if not k.known or name in WITHOUT_SLOPE or name in left_out:
@@ -90,6 +93,7 @@ def rivals_of(rig: Rig, truth: Sequence[Cause], left_out: Sequence[str] = ()) ->
         for i in places(linkage, k.at):
             on, where = named(linkage, k.at, i)
             close = name in kinds or bool(near & set(where)) or name in EVERYWHERE
+            close = close or (pictured and k.at in IN_A_PICTURE)
             if close or not truth or k.at in ("world", "camera", "spring"):
                 found.append(Rival(name, on, where, _directions(rig, name, i), k.signed))
         if name in EVERYWHERE and truth:

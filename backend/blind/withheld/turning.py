@@ -17,10 +17,12 @@ from backend.blind.withheld.detectability import ALIKE, Distance, Rival, Witness
 from backend.blind.withheld.laws import Change, Laws, changed
 from backend.blind.withheld.motion import Stuck, move
 
-KIND = "stribeck_friction"
+KIND, PLAIN = "stribeck_friction", "coulomb_friction"
+FIELDS = ("coulomb", "stribeck_excess", "stribeck_rate")
 PROPORTIONAL = 1e-3  # of a hinge's largest rate, by which it may leave the ratio
 UNSEEN = 0.3  # of what the data would show; beside a bar of another length ratios are not quite fixed
 STEP = 0.02  # of the logarithm of a number
+PLAINLY = 1e4  # d² of a truth that friction of one size is not fitted to: a twentieth of it is past what is alike
 
 
 def with_other_hinges(
@@ -41,13 +43,29 @@ def with_other_hinges(
     (own,) = {change.index for change in truth.changes if change.index is not None}
     within = max(PROPORTIONAL, UNSEEN * float(np.sqrt(ALIKE / max(far.d2, ALIKE))))
     turns = ratios(witness, rig, changed(rest, truth.changes), own, within)
-    same = [_rival(rig, (i,)) for i in turns if i != own]
-    found = Distance(far.d2, (*far.rivals, *same), (*far.remainders, *(0.0 for _ in same)))
+    torque, excess, rate = (next(c.value for c in truth.changes if c.field == field) for field in FIELDS)
+
+    def left_by(numbers: Sequence[float], at: Sequence[int]) -> float:
+        return _left_by(witness, rest, clean, record_of, numbers, at)
+
+    found = _and(far, [(_rival(rig, KIND, (i,)), 0.0) for i in turns if i != own])
     hinges = places(rig.linkage, "hinge")
-    if len(hinges) < 2 or len(turns) < len(hinges):
+    all_turn = len(turns) == len(hinges) > 1
+    if far.d2 < PLAINLY:
+        left = left_by((torque * (1.0 + 0.5 * excess),), (own,))
+        alike = [(i,) for i in turns] + ([tuple(hinges)] if all_turn else [])
+        found = _and(found, [(_rival(rig, PLAIN, at), left) for at in alike])
+    if not all_turn:
         return found
-    left = _left_by_all(witness, truth, rest, clean, record_of, np.array([turns[i] for i in hinges]), hinges)
-    return Distance(found.d2, (*found.rivals, _rival(rig, hinges)), (*found.remainders, left))
+    ratio = np.array([turns[i] for i in hinges])
+    left = left_by((torque / ratio.sum(), excess, rate * (ratio @ ratio) / ratio.sum()), hinges)
+    return _and(found, [(_rival(rig, KIND, hinges), left)])
+
+
+def _and(far: Distance, rivals: Sequence[tuple[Rival, float]]) -> Distance:
+    """With these rivals and what each leaves."""
+    more, left = [rival for rival, _ in rivals], [left for _, left in rivals]
+    return Distance(far.d2, (*far.rivals, *more), (*far.remainders, *left))
 
 
 def ratios(witness: Witness, rig: Rig, laws: Laws, own: int, within: float = PROPORTIONAL) -> dict[int, float]:
@@ -66,42 +84,39 @@ def ratios(witness: Witness, rig: Rig, laws: Laws, own: int, within: float = PRO
     return found
 
 
-def _rival(rig: Rig, hinges: Sequence[int]) -> Rival:
+def _rival(rig: Rig, kind: str, hinges: Sequence[int]) -> Rival:
     """It names a place only where it stands at one."""
     at = [named(rig.linkage, "hinge", i) for i in hinges]
     places_ = at[0][1] if len(at) == 1 else ()
-    return Rival(KIND, tuple(id for on, _ in at for id in on), places_, (), False)
+    return Rival(kind, tuple(id for on, _ in at for id in on), places_, (), False)
 
 
-def _left_by_all(
+def _left_by(
     witness: Witness,
-    truth: Cause,
     rest: Laws,
     clean: np.ndarray,
     record_of: Callable[[Laws], np.ndarray],
-    turns: np.ndarray,
+    numbers: Sequence[float],
     hinges: Sequence[int],
 ) -> float:
-    """d² that the kind leaves alike at all hinges, its torque, its excess at rest and its speed after one step of
-    Gauss-Newton: a motion with crisp friction takes seconds.
+    """d² that friction alike at these hinges leaves after one step of Gauss-Newton from these numbers: its torque and,
+    where given, its excess at rest and its speed. A motion with crisp friction takes seconds.
     """
     _, along_start, _ = witness.slopes(rest, witness.starts, [])
     true = whitened(clean, witness.noise)
-    fields = ("coulomb", "stribeck_excess", "stribeck_rate")
-    torque, excess, rate = (next(c.value for c in truth.changes if c.field == field) for field in fields)
 
     def miss(logs: np.ndarray) -> np.ndarray:
-        numbers = zip(fields, np.exp(logs), strict=True)
-        changes = [Change(field, i, value, sized=field == "coulomb") for field, value in numbers for i in hinges]
+        told = zip(FIELDS, np.exp(logs), strict=False)
+        changes = [Change(field, i, value, sized=field == FIELDS[0]) for field, value in told for i in hinges]
         return projected(true - whitened(record_of(changed(rest, changes)), witness.noise), along_start)
 
-    begin = np.log(np.abs([torque / turns.sum(), excess, rate * (turns @ turns) / turns.sum()]))
+    begin = np.log(np.abs(numbers))
     left = np.inf
     try:
         r = miss(begin)
         if (left := float(r @ r)) < ALIKE:
             return left
-        J = np.stack([miss(begin + STEP * e) - r for e in np.eye(3)], 1) / STEP
+        J = np.stack([miss(begin + STEP * e) - r for e in np.eye(begin.size)], 1) / STEP
         r = miss(begin - np.clip(np.linalg.lstsq(J, r, rcond=1e-12)[0], -1.0, 1.0))
         return min(left, float(r @ r))
     except Stuck:  # the true case is sound, whatever becomes of a rival
