@@ -17,6 +17,7 @@ from backend.diagnose.ends import stopping_alike
 from backend.diagnose.fitted import mean_square
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, STOPS, alike, families, library, rubs_dry
 from backend.diagnose.onset import Onset, onset
+from backend.diagnose.screen import LARGE
 from backend.diagnose.standards import NOTHING, SMALL, SURE, WIDE, WORTH, AbstractStandards
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import let_go
@@ -236,10 +237,11 @@ class AbstractBeyondSmooth(AbstractStandards):
         says that it came on later: where the likeliest single cause is not that one, nor harms the beginnings.
         """
         stops = sorted(STOPS & set(families(self.without)))
-        if not stops or self._cancelled() or not judged.excess > UNREAD or self._onset is None:
+        if not stops or self._cancelled() or not judged.excess > LARGE or self._onset is None:
             return None
         share, first = self._onset
-        if top.names != first.names and not mean_square(top.fitted, share) > HARM * self.scale**2:
+        harms = top.names != first.names and mean_square(top.fitted, share) > HARM * self.scale**2
+        if not harms and (top.names != first.names or not judged.excess > UNREAD):
             return None
         self._tell(f"all is well in the first {share:.0%} of the records, trying what is met later")
         beside, motion = first if first.candidates else None, let_go(self.baseline.fitted)

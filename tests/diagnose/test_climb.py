@@ -186,9 +186,19 @@ def test_what_is_enough_until_something_switches_on_is_a_partner_first():
         (1e3, "b", 9.0, 3.0, True, False),
         (1e3, "b", 2.0, 2.0, False, False),
         (1e3, "a", 1.0, 2.0, True, True),
-        (9.0, "b", 9.0, 2.0, False, False),
+        (9.0, "b", 9.0, 2.0, True, True),
+        (9.0, "a", 9.0, 2.0, False, False),
+        (3.0, "b", 9.0, 2.0, False, False),
     ],
-    ids=["harms a beginning", "is coarse", "harms none", "is the one", "leaves little"],
+    ids=[
+        "harms a beginning",
+        "is coarse",
+        "harms none",
+        "is the one",
+        "leaves less",
+        "leaves no more",
+        "leaves little",
+    ],
 )
 def test_an_end_of_travel_is_sought_first_where_something_came_later(
     monkeypatch, excess, name, harm, power, sought, named
