@@ -119,6 +119,7 @@ def shaken(drawn, i: int, hertz: float, phase: float) -> np.ndarray:
     return white(probe.slopes(np.zeros(0), drawn.own(i), direction))[:, 0]
 
 
+@pytest.mark.nightly
 def test_bumps_of_the_base_do_what_the_library_s_shaking_does(drawn):
     from backend.diagnose.finer import base_response, displacement, knots
 
@@ -130,6 +131,7 @@ def test_bumps_of_the_base_do_what_the_library_s_shaking_does(drawn):
     assert np.linalg.norm(found - expected) < 0.02 * np.linalg.norm(expected)
 
 
+@pytest.mark.nightly
 def test_a_shaking_is_tried_in_phases_between_those_that_are_simulated(drawn):
     from dataclasses import replace
 

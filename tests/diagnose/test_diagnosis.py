@@ -158,6 +158,7 @@ def test_a_late_release_and_a_clock_that_is_behind_are_said_to_be_one_motion(rub
     assert not any({("coulomb_friction", "j1"), ("viscous_friction", "j1")} <= group for group in groups)
 
 
+@pytest.mark.nightly
 def test_a_member_that_stood_for_another_is_exchanged_for_it(drawing):
     from backend.diagnose.cause import Cause
     from backend.diagnose.fitted import fit, log_evidence
@@ -250,6 +251,7 @@ def test_a_drawing_that_is_right_has_no_gap(drawing):
     assert smallest["coulomb_friction"] < RUB  # it would have been seen
 
 
+@pytest.mark.nightly
 def test_a_kick_at_the_release_is_unknown_where_the_library_has_none(drawing):
     """A base that shakes from the release on moves the bar as a kick does, and would be named for it."""
     from backend.diagnose.run import diagnose_study

@@ -52,6 +52,7 @@ def told(seed: int, slack: float) -> Study:
     return Study(driven, tuple(experiments))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("slack", "verdict"), [(0.0, "none"), (SLACK, "unknown")])
 def test_a_bar_that_lags_behind_its_motor_is_a_gap_at_the_joint(slack, verdict):
     from backend.diagnose.run import diagnose_study

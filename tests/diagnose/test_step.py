@@ -19,6 +19,7 @@ class Enough(Exception):
     """The baseline is all that is looked at."""
 
 
+@pytest.mark.nightly
 def test_a_step_is_halved_until_its_error_cannot_be_taken_for_a_cause(drawing, monkeypatch):
     from backend.diagnose import run
     from backend.diagnose.step_error import step_error

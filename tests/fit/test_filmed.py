@@ -40,6 +40,7 @@ def score(result):
     return (p.value - DAMPING) / p.sd
 
 
+@pytest.mark.nightly
 def test_pixels_alone_tell_the_friction_within_its_interval(in_pixels):
     scores = np.array([score(r) for r in in_pixels])
     assert np.abs(scores).max() < 3.5

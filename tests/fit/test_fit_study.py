@@ -185,6 +185,7 @@ def by_gradients(study):
     return fit_study(study, FREE, derivatives="adjoint", profiles=False)
 
 
+@pytest.mark.nightly
 def test_gradients_backwards_in_time_are_those_of_the_slopes(by_gradients):
     residuals, x = by_gradients.residuals, by_gradients.solution.x
     for fraction, memory in ((1.0, {}), (0.4, {(0, 0): 0.6, (1, 3): -0.3})):

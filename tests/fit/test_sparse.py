@@ -88,6 +88,7 @@ def with_a_bad_pin(seen):
     return fitted(seen(1, **{BAD: TIMES}))
 
 
+@pytest.mark.nightly
 def test_one_bad_pin_is_named_alone_and_measured(with_a_bad_pin):
     report = with_a_bad_pin.report
     (found,) = report.deviations

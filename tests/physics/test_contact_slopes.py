@@ -40,6 +40,7 @@ def slopes():
     return lambda x: np.asarray(run(x)[0]), np.asarray(columns), np.asarray(pulled), weights
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("place", range(len(AT)), ids=list(AT))
 def test_forward_slopes_through_contact_agree_with_differences(slopes, place):
     seen, columns, _, _ = slopes
@@ -89,6 +90,7 @@ def _end(model, step_s, barrier, steps):
     return path.pose.position[-1, 0]
 
 
+@pytest.mark.nightly
 def test_an_answer_with_contact_converges_only_if_the_barrier_shrinks_with_the_step():
     """The barrier is an energy times the step; `held` keeps the product as it is at 1 ms, ten thousand times larger."""
     model = loose_bar(0.6, radial_m=2e-3, friction_coefficient=0.2)
