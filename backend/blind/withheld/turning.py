@@ -43,7 +43,7 @@ def with_other_hinges(
     (own,) = {change.index for change in truth.changes if change.index is not None}
     within = max(PROPORTIONAL, UNSEEN * float(np.sqrt(ALIKE / max(far.d2, ALIKE))))
     turns = ratios(witness, rig, changed(rest, truth.changes), own, within)
-    torque, excess, rate = (next(c.value for c in truth.changes if c.field == field) for field in FIELDS)
+    torque, excess, rate = (next(abs(c.value) for c in truth.changes if c.field == field) for field in FIELDS)
 
     def left_by(numbers: Sequence[float], at: Sequence[int]) -> float:
         return _left_by(witness, rest, clean, record_of, numbers, at)
@@ -110,7 +110,7 @@ def _left_by(
         changes = [Change(field, i, value, sized=field == FIELDS[0]) for field, value in told for i in hinges]
         return projected(true - whitened(record_of(changed(rest, changes)), witness.noise), along_start)
 
-    begin = np.log(np.abs(numbers))
+    begin = np.log(np.asarray(numbers))
     left = np.inf
     try:
         r = miss(begin)
