@@ -240,8 +240,9 @@ class AbstractBeyondSmooth(AbstractStandards):
         if not stops or self._cancelled() or not judged.excess > LARGE or self._onset is None:
             return None
         share, first = self._onset
-        harms = top.names != first.names and mean_square(top.fitted, share) > HARM * self.scale**2
-        if not harms and (top.names != first.names or not judged.excess > UNREAD):
+        same = top.names == first.names
+        came_later = judged.excess > UNREAD if same else mean_square(top.fitted, share) > HARM * self.scale**2
+        if not came_later:
             return None
         self._tell(f"all is well in the first {share:.0%} of the records, trying what is met later")
         beside, motion = first if first.candidates else None, let_go(self.baseline.fitted)

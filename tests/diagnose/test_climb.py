@@ -228,3 +228,111 @@ def test_a_pair_that_is_not_enough_has_its_shapes_free(monkeypatch, fraction):
     monkeypatch.setattr(sets, "closer", lambda search, cause: shaped)
     monkeypatch.setattr(climb, "_judged", lambda cause: (cause, "judged"))
     assert climb._shaped(pair, "before") == ((shaped, "judged") if fraction == 1.0 else (pair, "before"))
+
+
+def test_a_member_that_takes_little_off_fitted_and_held_out_experiments_is_not_named(monkeypatch):
+    climb: Any = object.__new__(Climb)
+    climb.scale, climb.large, little = 1.0, False, SimpleNamespace(power=1.0)
+    held = {"abcd": 0.8, "abc": 1.0, "ab": 1.1, "ac": 1.2, "a": 1.1}
+    fitted = {"abcd": 2.0, "abc": 2.0, "ab": 2.3, "ac": 2.35, "a": 4.0}
+    made = {names: set_of(names, 100 * chi2) for names, chi2 in fitted.items()}
+    climb.search = SimpleNamespace(tried={c.names: c for c in made.values()})
+    climb.search.left = lambda cause, scale: SimpleNamespace(excess=held["".join(cause.names)])
+    climb.searches = {id(made["ab"].fitted.subject): climb.search}
+    monkeypatch.setattr(climb, "_by_fit", lambda cause: -cause.fitted.chi2)
+    monkeypatch.setattr(climb, "_cancelled", lambda: False)
+    monkeypatch.setattr(climb, "_tell", lambda words: None)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    monkeypatch.setattr(climb, "enough", lambda judged: False)
+    assert climb.plain(made["ab"], little) == (made["ab"], little)  # of two a diagnosis may be sure
+    assert not climb.large
+    assert climb.plain(made["abc"], little) == (made["ab"], "judged")
+    assert climb.large
+    assert max(len(names) for names in climb.search.tried) == 2  # larger ones are withdrawn
+    held |= {"ab": 1.5}
+    made["ac"].fitted.chi2 = 250.0
+    climb.search.tried = {c.names: c for c in made.values()}
+    assert climb.plain(made["abc"], little) == (made["abc"], little)
+    assert max(len(names) for names in climb.search.tried) == 3
+    monkeypatch.setattr(climb, "enough", lambda judged: True)
+    assert climb.plain(made["abc"], little) == (made["abc"], little)
+
+
+def set_of(names: str, chi2: float) -> Any:
+    fitted = SimpleNamespace(fraction=1.0, subject=1, chi2=chi2, r=SimpleNamespace(size=100))
+    return SimpleNamespace(names=tuple(names), candidates=tuple(names), fitted=fitted)
+
+
+@pytest.mark.parametrize(("gain", "asked"), [(150.0, ["clearance"]), (250.0, []), (0.0, [])])
+def test_play_is_asked_of_a_faint_gap_that_something_smooth_explains(monkeypatch, gain, asked):
+    climb: Any = object.__new__(Climb)
+    climb.without, climb.scale, climb.searches = frozenset(), 1.0, {}
+    climb.baseline = SimpleNamespace(fitted=SimpleNamespace(chi2=1000.0))
+    found: list[str] = []
+    play = SimpleNamespace(names=("clearance:j1",))
+    search = climb.search = SimpleNamespace(subject=None, tried={}, followed=1.0)
+    monkeypatch.setattr(module, "switching", lambda search, baseline, family, motion, best: [play])
+    monkeypatch.setattr(climb, "_cancelled", lambda: False)
+    monkeypatch.setattr(climb, "_search_of", lambda family: found.append(family) or search)
+    monkeypatch.setattr(climb, "_likelier", lambda cause, best: True)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    monkeypatch.setattr(module, "families", lambda without: {module.SMOOTH, "clearance", "joint_stop"})
+    best: Any = SimpleNamespace(fitted=SimpleNamespace(chi2=1000.0 - gain))
+    assert climb._or_play(best, "enough") == ((play, "judged") if asked else (best, "enough"))
+    assert found == asked
+    assert list(search.tried) == [play.names] * len(asked)
+    search.followed = 0.5  # then sums of squares are of unequal records
+    assert climb._or_play(best, "enough") == (best, "enough")
+
+
+@pytest.mark.parametrize(("other", "beside"), [((), None), (("length_error",), "length_error:arm")])
+def test_dry_friction_is_tried_as_one_that_grows_with_load_too(monkeypatch, other, beside):
+    """Alone, and beside what stands beside it; what is likelier is the answer."""
+    member = lambda kind: SimpleNamespace(kind=kind, name=f"{kind}:arm", family=module.SMOOTH)  # noqa: E731
+    made = lambda *kinds: SimpleNamespace(names=kinds, candidates=tuple(map(member, kinds)))  # noqa: E731
+    climb: Any = object.__new__(Climb)
+    climb.without, climb.searches, climb.search, climb.baseline = frozenset(), {}, SimpleNamespace(tried={}), None
+    loaded, poor, tried = made(*other, "pin_friction"), made("poor"), []
+
+    def switching(search, baseline, family, motion, rival, beside):
+        tried.append((family, beside and beside.names[0]))
+        return [loaded, poor]
+
+    search = SimpleNamespace(subject=object())
+    monkeypatch.setattr(module, "switching", switching)
+    monkeypatch.setattr(climb, "_search_of", lambda family: search)
+    monkeypatch.setattr(climb, "_single", lambda best, member: SimpleNamespace(names=(member.name,)))
+    monkeypatch.setattr(climb, "_cancelled", lambda: False, raising=False)
+    monkeypatch.setattr(climb, "_likelier", lambda cause, best: cause is loaded)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    assert climb._or_load(made(*other, "coulomb_friction"), "last") == (loaded, "judged")
+    asked = [(module.LOAD, beside), (module.LOAD, None)][: 2 if beside else 1]
+    assert tried == asked
+    assert set(climb.search.tried) == {loaded.names, poor.names}
+    smooth = made("viscous_friction")
+    assert climb._or_load(smooth, "last") == (smooth, "last")
+    assert tried == asked
+
+
+def test_friction_that_grows_with_load_is_tried_alone_where_constant_friction_needed_another_beside_it(monkeypatch):
+    """What stood beside the wrong kind of friction may have made up for it."""
+    climb: Any = object.__new__(Climb)
+    dry, other = SimpleNamespace(kind="coulomb_friction"), SimpleNamespace(kind="effort_offset")
+    subject = object()
+    pair = SimpleNamespace(candidates=(dry, other))
+    offset = SimpleNamespace(names=("effort_offset:j1",))
+    alone = SimpleNamespace(names=("pin_friction:j1",), worth=9.0)
+    both = SimpleNamespace(names=("effort_offset:j1", "pin_friction:j1"), worth=5.0)
+    monkeypatch.setattr(module, "rubs_dry", lambda kind: kind == "coulomb_friction")
+    monkeypatch.setattr(
+        module, "switching",
+        lambda search, baseline, family, motion, rival, beside: [alone if beside is None else both],
+    )  # fmt: skip
+    climb.without, climb.searches, climb.baseline, pair.worth = frozenset(), {}, None, 1.0
+    climb.search = SimpleNamespace(tried={}, cancelled=lambda: False)
+    monkeypatch.setattr(climb, "_single", lambda best, rest: offset)
+    monkeypatch.setattr(climb, "_search_of", lambda family: SimpleNamespace(subject=subject))
+    monkeypatch.setattr(climb, "_likelier", lambda cause, best: cause.worth > best.worth)
+    monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    assert climb._or_load(pair, "before") == (alone, "judged")
+    assert set(climb.search.tried) == {alone.names, both.names}
