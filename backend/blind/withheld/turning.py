@@ -3,7 +3,8 @@
 It has no slope where nothing is amiss, so that such rivals are not found to first order. Where a hinge always turns at
 a fixed ratio to the true one, as in a scissor, the same friction there, as much smaller as it turns faster, does the
 same but for how far bristles give, which nobody who looks at a motion knows; the kind alike at all hinges is fitted
-where all turn so. Where it hardly shows, friction of one size may do as well, and is fitted too. Beside other dry friction, which the excess at rest would raise with it, no such rival is named.
+where all turn so. Where it hardly shows, friction of one size may do as well, and is fitted too. Beside other dry
+friction, which the excess at rest would raise with it, no such rival is named.
 """
 
 from __future__ import annotations
