@@ -65,7 +65,8 @@ class Climb(AbstractBeyondSmooth):
                 if self._out_of_reach(top, judged):
                     self._tell("nothing smooth in the library could take what is left")
                     break
-            level = self.search.level(leaders[:LEADERS] if depth < SURE else [top], PARTNERS, place=self._place(top))
+            parents = leaders[:LEADERS] if depth < SURE else [top]
+            level = self.search.level(parents, PARTNERS, rival=top, place=self._place(top))
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
         if len(best.candidates) > SURE and self._may_mislead(best) and not self._cancelled():

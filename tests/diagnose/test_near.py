@@ -1,0 +1,58 @@
+"""A set that stays far behind the best one on its way is not followed to the end of the records."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from backend.diagnose import which as module
+from backend.diagnose.fitted import BEHIND
+from backend.diagnose.which import Search
+
+
+@pytest.mark.parametrize("behind", [0.9, 1.1])
+@pytest.mark.parametrize("best", [0.3, 7.0], ids=["the best is at the noise", "the best leaves something"])
+def test_a_set_far_behind_over_the_first_of_the_records_is_given_up(monkeypatch, best, behind):
+    samples, fitted = 100, []
+
+    def fit(subject, choice, start, fractions, ahead):
+        fitted.append(fractions[0])
+        left = behind * BEHIND * max(best, 1.0) * samples
+        return SimpleNamespace(x=start, chi2=left, r=np.empty(samples))
+
+    monkeypatch.setattr(module, "fit", fit)
+    monkeypatch.setattr(module, "mean_square", lambda rival, share: best)
+    search: Any = object.__new__(Search)
+    search.subject, search.least, search.parts = None, {}, {}
+    rival: Any = SimpleNamespace(names=("a",), fitted=SimpleNamespace(chi2=1.0))
+    made = search._near(rival, None, np.zeros(2), (0.35, 1.0))
+    assert (made is None) == (behind > 1.0)
+    assert fitted == ([0.35] if made is None else [0.35, 1.0])
+    fitted.clear()
+    assert search._near(None, None, np.zeros(2), (0.35, 1.0)) is not None
+    assert fitted == [0.35, 1.0]
+
+
+def test_sets_of_a_climb_must_come_near_the_best_so_far(monkeypatch):
+    from backend.diagnose import climb as sets
+
+    top, second = (SimpleNamespace(names=(n,), fitted=SimpleNamespace(fraction=0.5, pressed=False)) for n in "ab")
+    climb: Any = object.__new__(sets.Climb)
+    asked: list[Any] = []
+    climb.baseline = top
+    climb.search = SimpleNamespace(level=lambda parents, most, rival, place: asked.append((parents, rival)) or [])
+    left = SimpleNamespace(excess=1.0, p=0.0)
+    for name, says in {
+        "_leaders": lambda level: level, "_judged": lambda cause: (cause, left), "_tell": lambda words: None,
+        "_may_mislead": lambda cause: False, "enough": lambda judged: False, "_struck": lambda cause, judged: None,
+        "_little": lambda *told: False, "_out_of_reach": lambda *told: False,
+        "_place": lambda cause: None, "_narrowed": lambda best, found: (best, found),
+        "_recombined": lambda best, found: (best, found),
+    }.items():  # fmt: skip
+        monkeypatch.setattr(climb, name, says, raising=False)
+    top.candidates = second.candidates = ("a",)
+    cancelled = iter([False] + [True] * 9)
+    monkeypatch.setattr(climb, "_cancelled", lambda: next(cancelled))
+    climb.smooth([top, second])
+    assert asked == [([top, second], top)]
