@@ -22,6 +22,7 @@ STRICT = 1e-3  # p of what is left on held-out experiments, below which it is no
 WIDE = 1e4  # noise variances a sample: a gap that large counts no more
 SMALL = 0.05  # of the gap's size: what a right law of slightly wrong form leaves behind
 BLOWS = 0.15  # the same where parts strike: nobody knows the law of a blow better
+TRIFLE = 1e-3  # of the gap's size: what bears no name, because no law of friction or drag is as close to a real one
 IN_REACH = 0.3  # of what is left: less than the whole library could take is not worth a search for sets
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
@@ -110,7 +111,8 @@ class AbstractStandards:
         if top.fitted.fraction < 1.0:
             return False
         if depth < SURE:
-            return judged.power < SMALL**2 * self.at_base.power and left * top.fitted.r.size < BARE
+            base, bare = self.at_base.power, left * top.fitted.r.size < BARE
+            return judged.power < (SMALL if bare else TRIFLE) ** 2 * base
         return left < LOUD
 
     def _out_of_reach(self, top: Cause, judged: Adequacy) -> bool:

@@ -9,6 +9,7 @@ import pytest
 from backend.diagnose.belief import FAR, IMITATED, OUTSIZED, weigh
 from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import Fitted
+from backend.diagnose.standards import BARE, SMALL, TRIFLE
 from backend.diagnose.standards import AbstractStandards as Standards
 
 ROWS = 300
@@ -65,6 +66,24 @@ def test_what_comes_after_nearly_all_is_a_remainder_unless_both_are_enough_from_
     standards.baseline = SimpleNamespace(fitted=fitted)
     standards.search = SimpleNamespace(tried={(best.names[0],): SimpleNamespace(fitted=alone)}, followed=1.0)
     assert standards.names_a_remainder(best, enough) == remainder
+
+
+@pytest.mark.parametrize(
+    ("excess", "gap", "little"),
+    [
+        (0.9 * BARE / ROWS, 1e3, True),
+        (0.9 * BARE / ROWS, 0.5 * BARE / ROWS / SMALL**2, False),
+        (1.1 * BARE / ROWS, 1e3, False),
+        (10.0, 1.1 * 10.0 / TRIFLE**2, True),
+        (10.0, 0.9 * 10.0 / TRIFLE**2, False),
+    ],
+    ids=["few noise variances", "of a small gap", "many", "of a gap a thousand times as wide", "of one less wide"],
+)
+def test_too_little_is_left_to_bear_a_second_name(excess, gap, little):
+    standards: Any = object.__new__(Standards)
+    standards.at_base = SimpleNamespace(power=gap)
+    judged: Any = SimpleNamespace(excess=excess, power=excess)
+    assert standards._little(cause("joint:a"), judged, 1) == little
 
 
 @pytest.mark.parametrize("odds", [30.0, 35.0, 40.0])
