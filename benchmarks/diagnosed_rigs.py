@@ -16,6 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from backend.commands.terminal import progress
 from backend.diagnose.diagnosis import Diagnosis
 from backend.diagnose.kept import FILE, Kept
 from backend.diagnose.run import diagnose_study
@@ -99,7 +100,8 @@ def main() -> None:
         return
     for rig in asked.rigs:
         study, began = read_study(FOLDER / f"{rig}.json"), time.perf_counter()
-        found = diagnose_study(study, kept=_kept(asked.kept, rig, study))
+        with progress(rig) as advance:
+            found = diagnose_study(study, progress=advance, kept=_kept(asked.kept, rig, study))
         print(f"\n{rig}: {time.perf_counter() - began:.0f} s\n{gap_text(found.report)}", flush=True)
         held = found.report.shrink.held_out
         if held is not None and held.explained_fraction is not None:
