@@ -16,7 +16,7 @@ from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.ends import stopping_alike
 from backend.diagnose.fitted import mean_square
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, STOPS, alike, families, library, rubs_dry
-from backend.diagnose.onset import Onset, onset
+from backend.diagnose.onset import MOVED, Onset, moved, onset
 from backend.diagnose.screen import LARGE
 from backend.diagnose.standards import NOTHING, SMALL, SURE, WIDE, WORTH, AbstractStandards
 from backend.diagnose.subject import prepare
@@ -224,8 +224,9 @@ class AbstractBeyondSmooth(AbstractStandards):
 
     @cached_property
     def _onset(self) -> Onset | None:
-        """How far into the records the drawing, or a single cause, is enough."""
-        return onset(self.search, self.scale)
+        """How far into the records the drawing, or a single cause, is enough; None where little has moved by then."""
+        found = onset(self.search, self.scale)
+        return found if found is not None and moved(self.baseline.fitted, found.share) > MOVED else None
 
     @property
     def _at_first(self) -> Cause | None:

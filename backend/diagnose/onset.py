@@ -9,10 +9,12 @@ import numpy as np
 from backend.diagnose.cause import Cause, begun_from
 from backend.diagnose.fitted import Fitted, fit, log_evidence
 from backend.diagnose.screen import screen
+from backend.diagnose.switch import let_go
 from backend.diagnose.which import CHANCE, FRACTIONS, REFITS, Search
 
 SHARES = FRACTIONS[:-1]  # of the records
 ITERATIONS = 8
+MOVED = 0.25  # of the ways that the joints pass: beginnings in which they pass less leave little to see of anything
 
 
 class Onset(NamedTuple):
@@ -41,6 +43,18 @@ def onset(search: Search, scale: float) -> Onset | None:
             break
         singles = [f for f in (_longer(f, SHARES[reached]) for f in singles) if _as_noise(f, scale)]
     return None if last is None else Onset(SHARES[reached - 1], Cause(last, log_evidence(last)))
+
+
+def moved(baseline: Fitted, share: float) -> float:
+    """Share of the ways between the ends of each joint's motion as drawn that it has passed by then, of all joints and
+    experiments together.
+    """
+    subject, begun, whole = baseline.subject, 0.0, 0.0
+    for joint, q in let_go(baseline).items():
+        until = max(1, round(share / baseline.fraction * (q.shape[1] - 1)))  # the first is where the motion begins
+        begun += float(np.sum(np.ptp(q[:, : until + 1], axis=1))) / subject.size_of(joint)
+        whole += float(np.sum(np.ptp(q, axis=1))) / subject.size_of(joint)
+    return begun / whole if whole > 0.0 else 1.0
 
 
 def _longer(fitted: Fitted, share: float) -> Fitted:

@@ -14,10 +14,12 @@ from backend.diagnose.cause import Cause
 from backend.diagnose.climb import Climb
 from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.diagnosis import Diagnosis, Drawn
+from backend.diagnose.fitted import mean_square
 from backend.diagnose.judgement import CLEAR, MOST_OF_IT, Judgement, held_out
 from backend.diagnose.kept import Kept
 from backend.diagnose.library import SMOOTH, heard, library
 from backend.diagnose.screen import library_slopes
+from backend.diagnose.standards import TRIFLE
 from backend.diagnose.step_error import ORDERLY, apart, orderly, step_error, step_errors
 from backend.diagnose.subject import prepare
 from backend.diagnose.where import place_evidence
@@ -117,7 +119,7 @@ class _Inquiry:
         """The drawing fitted, with a step whose error could not be taken for a cause."""
         self.tell("fitting the drawing as it is")
         baseline = self.search.baseline()
-        while self.refinements and (error := step_error(self.subject, baseline)) > STEP_ERROR:
+        while self.refinements and (error := step_error(self.subject, baseline)) > mattering(STEP_ERROR, baseline):
             self.refinements -= 1
             coarse = self.subject, self.search, baseline
             baseline = self.begin_again("with half the step", 0.5)
@@ -182,7 +184,7 @@ class _Inquiry:
         if (off := apart(self.subject, once, known)) < STEP_ERROR:
             return None
         if apart(self.subject, once, twice) > ORDERLY * off:
-            if not self.refinements or off < ROUGH:
+            if not self.refinements or off < mattering(ROUGH, baseline):
                 return None
             self.refinements -= 1
             return self.begin_again("with half the step", 0.5)
@@ -191,3 +193,13 @@ class _Inquiry:
         self.about_cause = True
         how = f"with the error of the step about {' + '.join(leader.names)}"
         return self.begin_again(how, 1.0, orderly(errors))
+
+
+def mattering(least: float, baseline: Cause) -> float:
+    """Sum of squared sigmas from which an error of the step matters: never less than what bears no name of the gap,
+    over whole records unless the drawing's motion does not reach their end.
+    """
+    drawn, whole = baseline.fitted, np.inf
+    if drawn.fraction < 1.0:
+        whole = mean_square(drawn, 1.0) * drawn.r.size / drawn.fraction
+    return max(least, TRIFLE**2 * (whole if np.isfinite(whole) else drawn.chi2))

@@ -9,7 +9,7 @@ from backend.diagnose import beyond_smooth as module
 from backend.diagnose import climb as sets
 from backend.diagnose import closer as nearest
 from backend.diagnose.climb import Climb
-from backend.diagnose.onset import Onset
+from backend.diagnose.onset import MOVED, Onset
 from backend.diagnose.which import Search
 
 
@@ -177,6 +177,16 @@ def test_what_is_enough_until_something_switches_on_is_a_partner_first():
     assert climb._besides(best, None, True) == [first]  # beside an end of travel that is not enough alone
     climb._onset = Onset(0.1, cast(Any, SimpleNamespace(candidates=())))
     assert climb._besides(best, None, True) == []
+
+
+@pytest.mark.parametrize("passed", [0.9, 1.1])
+def test_a_beginning_in_which_little_moved_says_nothing(monkeypatch, passed):
+    climb: Any = object.__new__(Climb)
+    climb.search, climb.scale, climb.baseline = None, 1.0, SimpleNamespace(fitted=None)
+    found = Onset(0.1, cast(Any, None))
+    monkeypatch.setattr(module, "onset", lambda search, scale: found)
+    monkeypatch.setattr(module, "moved", lambda fitted, share: passed * MOVED)
+    assert climb._onset == (found if passed > 1.0 else None)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,9 @@
 """How far into the records all is well, of a bar that meets a wall, filmed at a right scale or at a wrong one."""
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
 
 from backend.effects.catalogue import catalogue
@@ -47,6 +51,21 @@ def test_all_is_well_until_the_wall_is_met(drawing, torque, scale, names, most):
 def test_what_acts_from_the_start_alone_is_enough_as_far_as_anything_was_asked(drawing):
     share, cause = searched(drawing, lambda t, q, rate: -0.01 * rate, lambda p: p)
     assert (share, cause.names) == (0.5, ("viscous_friction:j1",))
+
+
+def test_joints_pass_little_of_their_way_at_first_and_all_of_it_in_the_end(monkeypatch):
+    from backend.diagnose import onset as module
+
+    time_s = np.linspace(0.0, 1.0, 41)
+    way = np.stack([1.0 - np.cos(np.pi * time_s), 0.2 * (1.0 - np.cos(np.pi * time_s))])
+    monkeypatch.setattr(module, "let_go", lambda fitted: {"hinge": way, "rail": 1e-2 * np.sqrt(time_s)[None]})
+    sizes = {"hinge": 1.0, "rail": 0.1}
+    for followed in (1.0, 0.5):
+        drawn: Any = SimpleNamespace(fraction=followed, subject=SimpleNamespace(size_of=sizes.__getitem__))
+        for share in (0.1, 0.25):
+            begun = 2.4 * np.sin(0.5 * np.pi * share) ** 2 + 0.1 * np.sqrt(share)
+            assert module.moved(drawn, followed * share) == pytest.approx(begun / 2.5)
+        assert module.moved(drawn, followed) == 1.0
 
 
 @pytest.mark.nightly

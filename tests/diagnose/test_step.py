@@ -1,5 +1,8 @@
 """The step of a diagnosis: halved where its error could be taken for a cause."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -32,6 +35,7 @@ def test_a_step_is_halved_until_its_error_cannot_be_taken_for_a_cause(drawing, m
         raise Enough
 
     monkeypatch.setattr(Search, "screen", screen)
+    monkeypatch.setattr(run, "TRIFLE", 0.0)
     told = study(drawing, 1, rub=RUB, frames=24)
     for given, most, halvings in ((COARSE_S, 0.0, 0), (None, 1e9, 0), (None, 0.0, 2)):
         monkeypatch.setattr(run, "STEP_ERROR", most)
@@ -101,3 +105,19 @@ def test_the_step_errs_about_the_cause_where_that_is_another_error(drawing, monk
 
 def braked(t, q, rate):
     return -BRAKE * rate
+
+
+@pytest.mark.parametrize(
+    ("fraction", "at_the_end", "gap"),
+    [(1.0, np.nan, 2e8), (0.5, 6e6, 2.4e9), (0.5, np.inf, 2e8)],
+    ids=["whole records", "the drawing follows half", "and its motion is lost"],
+)
+def test_an_error_of_the_step_matters_beside_the_gap_alone(monkeypatch, fraction, at_the_end, gap):
+    from backend.diagnose import run
+    from backend.diagnose.standards import TRIFLE
+
+    monkeypatch.setattr(run, "mean_square", lambda fitted, share: at_the_end)
+    drawn = SimpleNamespace(fraction=fraction, r=np.empty(200), chi2=2e8)
+    baseline: Any = SimpleNamespace(fitted=drawn)
+    assert run.mattering(1.0, baseline) == pytest.approx(TRIFLE**2 * gap)
+    assert run.mattering(1e5, baseline) == 1e5
