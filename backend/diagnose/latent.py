@@ -252,11 +252,13 @@ def left_over(fitted: Fitted, latent: Latent) -> Float[np.ndarray, " n"]:
 
 def studentised(fitted: Fitted, latent: Latent) -> Float[np.ndarray, " n"]:
     """The same, each row in units of what noise leaves there: at the end of a record a shift follows even a wild
-    sample most of the way.
+    sample most of the way. A row that forces and shifts follow all the way, as they do a last one behind others that
+    were dropped, is what the fit misses there: no neighbour tells more of it.
     """
     A, R = basis(fitted, latent)
     Q = A @ R
-    return (fitted.r - Q @ (Q.T @ fitted.r)) / np.sqrt(np.maximum(1.0 - np.sum(Q**2, 1), ALONE))
+    left = 1.0 - np.sum(Q**2, 1)
+    return np.where(left > ALONE, (fitted.r - Q @ (Q.T @ fitted.r)) / np.sqrt(np.maximum(left, ALONE)), fitted.r)
 
 
 def neighbour_correlation(fitted: Fitted, latent: Latent, follows: np.ndarray) -> float:

@@ -160,9 +160,15 @@ def _calm(data: Sequence[Measured], keep: Sequence[np.ndarray], still: list) -> 
     return [m for m in made if m[2].size >= 5]
 
 
-def strays(left: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Rows of unit noise, or of a misfit somewhat wider, that nothing smooth explains."""
-    return np.abs(left) > STRAY * max(1.0, 1.4826 * float(np.median(np.abs(left))))
+def strays(left: Float[np.ndarray, " n"], together: Int[np.ndarray, " n"] | None = None) -> Bool[np.ndarray, " n"]:
+    """Rows of unit noise, or of a misfit somewhat wider, that nothing smooth explains. together: rows of one number
+    stand or fall together, as likely to be taken for strays by chance as one alone.
+    """
+    square = (left / max(1.0, 1.4826 * float(np.median(np.abs(left))))) ** 2
+    if together is None:
+        return square > STRAY**2
+    count, far = np.bincount(together), np.bincount(together, square)
+    return (far > chi2.isf(chi2.sf(STRAY**2, 1), np.maximum(count, 1)))[together]
 
 
 def _name(data: Measured, channel: int) -> str:

@@ -43,13 +43,21 @@ def remember(fitted: Fitted, latent: Latent) -> bool:
 
 
 def set_aside(fitted: Fitted, latent: Latent) -> bool:
-    """Drop samples that no smooth cause could bring near; false where there are none, or too many to be chance."""
-    wrong = strays(studentised(fitted, latent))
+    """Drop samples that no smooth cause could bring near, a marker's coordinates together; false where there are none,
+    or too many to be chance.
+    """
+    seer = Seer(fitted.subject, fitted.probes, fitted.fraction)
+    at = [
+        (i, p.data.channels[c].at, t)
+        for i, (p, white) in enumerate(zip(fitted.probes, seer.white, strict=True))
+        for c, t in zip(p.data.channel[white.keep], p.data.time_s[white.keep], strict=True)
+    ]
+    number = {place: k for k, place in enumerate(dict.fromkeys(at))}
+    wrong = strays(studentised(fitted, latent), np.array([number[place] for place in at]))
     if not wrong.any() or wrong.mean() > 0.05:
         return False
-    seer = Seer(fitted.subject, fitted.probes, fitted.fraction)
-    for p, keep, white, rows in zip(fitted.probes, fitted.subject.noise.keep, seer.white, seer.rows, strict=True):
-        for i in white.keep[wrong[rows]]:  # a marker's coordinates stand or fall together
-            at = [c.at == p.data.channels[p.data.channel[i]].at for c in p.data.channels]
-            keep[(p.data.time_s == p.data.time_s[i]) & np.array(at)[p.data.channel]] = False
+    for k in np.flatnonzero(wrong):
+        i, part, time_s = at[k]
+        data, keep = fitted.probes[i].data, fitted.subject.noise.keep[i]
+        keep[(data.time_s == time_s) & np.array([c.at == part for c in data.channels])[data.channel]] = False
     return True

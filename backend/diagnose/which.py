@@ -77,10 +77,11 @@ class Search:
         self.raw = raw = forces(self.subject, made)
         self.known = responses(self.subject, made, raw)
         if made.fraction == 1.0:
-            changed = set_aside(made, self.known)
-            if remember(made, self.known) or changed:
-                made = fit(self.subject, made.choice, start=made.x)
-                self.known = responses(self.subject, made, raw)
+            # Wild samples hide the noise's memory; with that bettered, others may stand out.
+            for learn in (set_aside, remember, set_aside):
+                if learn(made, self.known):
+                    made = fit(self.subject, made.choice, start=made.x)
+                    self.known = responses(self.subject, made, raw)
         return self.keep(made)
 
     def follow(self, choice: Choice, start: np.ndarray | None = None) -> Fitted:

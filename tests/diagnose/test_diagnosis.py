@@ -51,11 +51,14 @@ def drawing():
     )  # fmt: skip
 
 
-def study(drawing, seed, torque=None, places=lambda p: p, angles=(0.9, -0.5, 1.4), rub=0.0, kick=0.0, frames=60):
+def study(
+    drawing, seed, torque=None, places=lambda p: p, angles=(0.9, -0.5, 1.4), rub=0.0, kick=0.0, frames=60, memory=0.0
+):
     """One release of every three is held out, the rest are fitted.
 
     torque(t, q, rate): what the drawing lacks. places: what the camera does. rub: dry friction [N m] of bristles that
-    bend by GIVES before they slide. kick: rate at the release [rad/s]. frames: after it; 60 are a swing.
+    bend by GIVES before they slide. kick: rate at the release [rad/s]. frames: after it; 60 are a swing. memory: share
+    of the noise that stays from one frame to the next.
     """
     rng = np.random.default_rng(seed)
     since = (np.arange(STILL + frames) - STILL + 0.5) / RATE
@@ -77,7 +80,7 @@ def study(drawing, seed, torque=None, places=lambda p: p, angles=(0.9, -0.5, 1.4
         for m in drawing.markers:
             x0, _, z0 = m.position_m
             p = places(np.stack([np.cos(q) * x0 - np.sin(q) * z0, np.sin(q) * x0 + np.cos(q) * z0], 1))
-            p = p + SIGMA * rng.standard_normal(p.shape)
+            p = p + SIGMA * remembering(memory, rng.standard_normal(p.shape))
             tables.append(
                 pd.DataFrame({"time_s": since + STILL / RATE, "marker": m.id, "x_m": p[:, 0], "y_m": np.nan,
                               "z_m": p[:, 1], "sigma_m": np.nan})
@@ -86,6 +89,16 @@ def study(drawing, seed, torque=None, places=lambda p: p, angles=(0.9, -0.5, 1.4
         use = "fit" if i < len(angles) - len(angles) // 3 else "held_out"
         experiments.append(Experiment(f"e{i}", use, release, tracks=pd.concat(tables, ignore_index=True)))
     return Study(drawing, tuple(experiments))
+
+
+def remembering(share, fresh):
+    """Noise of which a share stays from one sample to the next."""
+    if share == 0.0:
+        return fresh
+    made = fresh.copy()
+    for i in range(1, len(made)):
+        made[i] = share * made[i - 1] + np.sqrt(1.0 - share**2) * fresh[i]
+    return made
 
 
 def rubbing(t, q, rate):
@@ -249,6 +262,26 @@ def test_a_drawing_that_is_right_has_no_gap(drawing):
     assert found.probability_none > 0.5
     smallest = {d.kind: d.minimum for d in found.detectable if d.kind == "coulomb_friction"}
     assert smallest["coulomb_friction"] < RUB  # it would have been seen
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_wild_samples_at_the_end_of_one_record_whose_noise_remembers_are_no_gap(drawing, seed):
+    from backend.diagnose.adequacy import adequacy
+    from backend.diagnose.library import SMOOTH, library
+    from backend.diagnose.subject import prepare
+    from backend.diagnose.which import Search
+
+    told = study(drawing, seed, angles=(0.9,), frames=84, memory=0.2)
+    tracks, rng = told.experiments[0].tracks, np.random.default_rng(seed)
+    times = np.unique(tracks.time_s)
+    for frame, throw in ((-7, 9.0), (-3, 7.0), (-2, 12.0), (-1, 9.0)):
+        at, turn = (tracks.time_s == times[frame]) & (tracks.marker == "tip"), rng.uniform(0.0, 2.0 * np.pi)
+        tracks.loc[at, "x_m"] += throw * SIGMA * np.cos(turn)
+        tracks.loc[at, "z_m"] += throw * SIGMA * np.sin(turn)
+    subject = prepare(told, library(drawing, SMOOTH, told.tolerances, FEW), COARSE_S)
+    search = Search(subject, lambda words: None, lambda: False)
+    drawn = search.baseline()
+    assert adequacy(drawn.fitted, search.latent, np.random.default_rng(0)).p > 0.01
 
 
 @pytest.mark.nightly

@@ -99,6 +99,22 @@ def test_a_shift_that_follows_a_wild_last_sample_does_not_excuse_it():
     assert np.flatnonzero(strays(studentised(fitted, latent))).tolist() == [119]
 
 
+@pytest.mark.parametrize(("size", "found"), [(3.0, False), (3.6, True)])
+def test_two_coordinates_that_are_both_far_off_are_as_wild_as_one_that_is_farther(size, found):
+    left = np.random.default_rng(8).uniform(-1.5, 1.5, 400)
+    left[[50, 250]] = size, -size
+    together = np.tile(np.arange(200), 2)  # x of every frame, then y of every frame
+    assert not strays(left).any()
+    assert np.flatnonzero(strays(left, together)).tolist() == ([50, 250] if found else [])
+
+
+def test_noise_is_as_seldom_taken_for_wild_in_two_coordinates_as_in_one():
+    left = np.random.default_rng(9).standard_normal(2_000_000)
+    alone, both = strays(left).mean(), strays(left, np.arange(left.size) // 2).mean()
+    assert 0.5e-5 < alone < 3e-5  # two sides of 4.3 sd: 1.7e-5
+    assert 0.5e-5 < both < 3e-5
+
+
 def test_still_frames_that_repeat_to_the_last_digit_leave_the_sigma_of_the_record():
     rng = np.random.default_rng(7)
     data = [record(rng, sigma=0.0) for _ in range(3)]
