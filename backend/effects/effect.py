@@ -123,6 +123,10 @@ class BodyView(eqx.Module):
     mass: Float[Array, ""]
     p_BC: Float[Array, "3"]
     stretch: Float[Array, "3 3"]
+    along_B: Float[Array, "3"]
+    """Unit direction in which its joints are spread."""
+    part: Float[Array, ""]
+    """How much of the drawn link it is along its length: less than 1 of a link that bends."""
 
     def point(self, p_BP: Float[Array, "3"]) -> Float[Array, "3"]:
         """World position of a point drawn on the body, from the body's origin, in B [m] -> W [m]."""

@@ -82,6 +82,7 @@ class System(eqx.Module):
     inertia: Float[Array, "slots 3 3"]
     center_of_mass: Float[Array, "bodies 3"]
     stretch: Float[Array, "bodies 3 3"]
+    length_axis: Float[Array, "bodies 3"]
     fixed_position: Float[Array, "fixed 3"]
     fixed_quaternion: Float[Array, "fixed 4"]
     point_a: Float[Array, "joints 3"]
@@ -206,6 +207,7 @@ def system(model: Model, tolerance: float = TOLERANCE) -> System:
         inertia=drawing.inertia[:slots],
         center_of_mass=center.at[slots:].set(0.0),
         stretch=drawing.stretch,
+        length_axis=drawing.length_axis,
         fixed_position=model.drawn_poses[slots:, :3],
         fixed_quaternion=model.drawn_poses[slots:, 3:],
         point_a=jnp.zeros((joints, 3)),

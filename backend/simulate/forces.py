@@ -27,8 +27,14 @@ class Lines(NamedTuple):
     slope: Float[Array, "struts 12"]
 
 
-def views(system: System, placed: Bodies, velocity: BodyRows, which: np.ndarray) -> BodyView:
-    """What effects see of the bodies in these slots."""
+def views(
+    system: System,
+    placed: Bodies,
+    velocity: BodyRows,
+    which: np.ndarray,
+    parts: Float[Array, " places"] | None = None,
+) -> BodyView:
+    """What effects see of the bodies in these slots; parts: how much of a link each is, None: the whole."""
     resting = jnp.zeros((system.fixed_position.shape[0], 6))
     moving = picked(jnp.concatenate([velocity, resting]), which)
     mass = picked(jnp.concatenate([system.mass, jnp.ones(resting.shape[0])]), which)
@@ -41,6 +47,8 @@ def views(system: System, placed: Bodies, velocity: BodyRows, which: np.ndarray)
         mass=mass,
         p_BC=picked(system.center_of_mass, which),
         stretch=picked(system.stretch, which),
+        along_B=picked(system.length_axis, which),
+        part=jnp.ones(len(which)) if parts is None else parts,
     )
 
 
@@ -66,9 +74,9 @@ def drag(system: System, placed: Bodies, velocity: BodyRows) -> BodyRows:
     total = jnp.zeros_like(velocity)
     for group in system.drags:
         which = group.at()
-        wrench = jax.vmap(lambda e, v: e.wrench(v))(group.here, views(system, placed, velocity, which))
-        rows = _in_body(placed, wrench, which)
-        rows = rows * jnp.array(group.shares)[:, None] if group.shares else rows
+        shares = jnp.array(group.shares or np.ones(len(which)))
+        wrench = jax.vmap(lambda e, v: e.wrench(v))(group.here, views(system, placed, velocity, which, shares))
+        rows = _in_body(placed, wrench, which) * shares[:, None]
         total = total + _on_bodies(system, rows, which)
     return total
 

@@ -54,6 +54,8 @@ SIZES = {  # what is large enough to see in a quarter of a second, and not so la
     "lower": -1e3,
     "upper": 1e3,
     "drag_area_m2": 0.05,
+    "half_length_m": 0.05,
+    "slip": 0.3,
     "friction_coefficient": 0.2,
     "friction_torque_n_m": 0.0005,
     "static_torque_n_m": 0.0015,
@@ -87,7 +89,8 @@ def members(kinds: Iterable[str]) -> list:
         "world": ["world"],
         "camera": ["camera"],
     }
-    return [effect(kind, kind, places[catalogue()[kind].acts_on], **GIVEN.get(kind, {})) for kind in kinds]
+    own = {"air_drag": ["bead"]}  # the bar never moves along itself
+    return [effect(k, k, own.get(k, places[catalogue()[k].acts_on]), **GIVEN.get(k, {})) for k in kinds]
 
 
 @cache

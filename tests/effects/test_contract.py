@@ -141,7 +141,15 @@ def test_the_effort_is_the_slope_of_what_is_stored(kind):
 
 def view(p_WC, velocity=(0.0, 0.0, 0.0)):
     return BodyView(
-        jnp.asarray(p_WC), jnp.eye(3), jnp.asarray(velocity), jnp.zeros(3), jnp.asarray(0.3), jnp.zeros(3), jnp.eye(3)
+        jnp.asarray(p_WC),
+        jnp.eye(3),
+        jnp.asarray(velocity),
+        jnp.zeros(3),
+        jnp.asarray(0.3),
+        jnp.zeros(3),
+        jnp.eye(3),
+        jnp.array([1.0, 0.0, 0.0]),
+        jnp.ones(()),
     )
 
 
