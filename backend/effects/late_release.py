@@ -14,7 +14,7 @@ class LateRelease(AbstractHold):
 
     kind = "late_release"
     acts_on = "world"
-    delay_s: Float[Array, ""] = parameter("s", "true minus stated release", lower=0.0, expected=0.03)
+    delay_s: Float[Array, ""] = parameter("s", "true minus stated release", lower=0.0, expected=0.1)
 
     def delay(self):
         """As declared."""

@@ -11,7 +11,7 @@ class TimeOffset(AbstractClock):
 
     kind = "time_offset"
     acts_on = "camera"
-    s: Float[Array, ""] = parameter("s", "true time - stated time", expected=0.03)
+    s: Float[Array, ""] = parameter("s", "true time - stated time", expected=0.1)
 
     def true_time(self, time_s):
         """Later by the offset."""
