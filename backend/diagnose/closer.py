@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from backend.diagnose.cause import Cause, begun_from
+from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import fit, log_evidence
-from backend.diagnose.switched import BRIEF, GROWING
+from backend.diagnose.switched import GROWING, opened
 from backend.diagnose.which import Search
 
 RIVALS = 3  # of a set, whose walls are taken as they come, or whose shape is free, where its own are
@@ -17,21 +15,12 @@ HARDLY = 0.01  # noise variances a sample: less than the law of blows and the st
 
 def closer(search: Search, cause: Cause) -> Cause:
     """A cause with what nobody states of one of its members free as well, where that makes it likelier."""
-    ways = [
-        tuple(way if c is member else c for c in cause.candidates)
-        for member in cause.candidates for way in member.closer
-    ]  # fmt: skip
-    if not ways or search.cancelled():
+    if search.cancelled() or not any(c.closer for c in cause.candidates):
         return cause
     search.tell(f"trying {' + '.join(cause.names)} with what nobody states of it")
-    first = [
-        fit(search.subject, c, start=begun_from(cause.fitted, c), fractions=GROWING[:1], max_iterations=BRIEF)
-        for c in (search.subject.choose(*way) for way in ways)
-    ]
-    first = [f for f in first if np.isfinite(f.chi2)]
-    if not first:
+    begun = opened(search, cause.fitted)
+    if begun is None:
         return cause
-    begun = min(first, key=lambda f: f.chi2)
     made = fit(search.subject, begun.choice, start=begun.x, fractions=GROWING[1:])
     hardly = cause.fitted.chi2 - made.chi2 < HARDLY * made.r.size
     found = Cause(made, log_evidence(made), cause.fitted if hardly else None)

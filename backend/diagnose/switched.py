@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from backend.diagnose.candidate import Candidate
-from backend.diagnose.cause import Cause
+from backend.diagnose.cause import Cause, begun_from
 from backend.diagnose.fitted import BEHIND, Fitted, fit, mean_square, start_of
 from backend.diagnose.library import LOAD, PLAYS
 from backend.diagnose.subject import Choice
@@ -44,13 +44,40 @@ def switching(
                 found.append((cost, known | values, candidate))
     if family == LOAD:
         found = [_shortly(search, values, candidate, others) for _, values, candidate in found]
-    made = []
+    made, behind = [], []
     for _, values, candidate in sorted(found, key=lambda f: f[0])[:SWITCHES]:
         search.tell(f"trying {' + '.join([candidate.name, *names])}")
-        fitted = _grown(search, search.subject.choose(*others, candidate), values, baseline.fitted, rival.fitted)
+        choice = search.subject.choose(*others, candidate)
+        fitted = _grown(search, choice, start_of(search.subject, choice, values), baseline.fitted, rival.fitted)
         if fitted is not None and np.isfinite(fitted.chi2):
-            made.append(_settled(search, search.keep(fitted)))
-    return sorted(made, key=lambda c: -c.log_z)
+            (made if fitted.fraction == 1.0 else behind).append(fitted)
+    if behind and not made and not others:
+        made += _as_walls_come(search, behind, baseline.fitted, rival.fitted)
+    return sorted((_settled(search, search.keep(f)) for f in made), key=lambda c: -c.log_z)
+
+
+def opened(search: Search, fitted: Fitted) -> Fitted | None:
+    """A fit with what nobody states of one of its members free as well, after a few iterations over the first of the
+    records: the way that leads nearest. None where everything is stated, or no way keeps the motion.
+    """
+    members = fitted.choice.candidates
+    ways = [tuple(way if c is member else c for c in members) for member in members for way in member.closer]
+    first = [
+        fit(search.subject, c, start=begun_from(fitted, c), fractions=GROWING[:1], max_iterations=BRIEF)
+        for c in (search.subject.choose(*way) for way in ways)
+    ]
+    return min((f for f in first if np.isfinite(f.chi2)), key=lambda f: f.chi2, default=None)
+
+
+def _as_walls_come(search: Search, behind: Sequence[Fitted], drawn: Fitted, rival: Fitted) -> list[Fitted]:
+    """The nearest of those that fell behind their rival, with walls that rub, give and give back: hard smooth ones may
+    follow the first of a motion only.
+    """
+    nearest = min(behind, key=lambda f: (-f.fraction, f.chi2))
+    search.tell(f"trying {nearest.choice.name} with what nobody states of it")
+    begun = opened(search, nearest)
+    made = None if begun is None else _grown(search, begun.choice, begun.x, drawn, rival)
+    return [made] if made is not None and np.isfinite(made.chi2) and made.fraction == 1.0 else []
 
 
 def _settled(search: Search, cause: Cause) -> Cause:
@@ -81,17 +108,17 @@ def _shortly(
     return made.chi2, dict(zip((p.name for p in choice.parameters), made.values.tolist(), strict=True)), candidate
 
 
-def _grown(search: Search, choice: Choice, values: dict[str, float], drawn: Fitted, rival: Fitted) -> Fitted | None:
-    """Fitted over growing shares of the records; None where it leaves most of what the drawing misses of one, or
-    far more than its rival does.
+def _grown(search: Search, choice: Choice, x: np.ndarray, drawn: Fitted, rival: Fitted) -> Fitted | None:
+    """Fitted over growing shares of the records, up to where it leaves far more than its rival does; None where it
+    leaves most of what the drawing misses.
     """
-    x = start_of(search.subject, choice, values)
     for share in GROWING:
         made = fit(search.subject, choice, start=x, fractions=(share,))
         x, left = made.x, made.chi2 / made.r.size - 1.0
         if share < 1.0:
-            worth = TAKEN * (mean_square(drawn, share) - 1.0)
-            near = max(SPARE, BEHIND * (mean_square(rival, share) - 1.0))
-            if not left < max(CHANCE * np.sqrt(2.0 / made.r.size), min(worth, near)):
+            chance = CHANCE * np.sqrt(2.0 / made.r.size)
+            if not left < max(chance, TAKEN * (mean_square(drawn, share) - 1.0)):
                 return None
+            if not left < max(chance, SPARE, BEHIND * (mean_square(rival, share) - 1.0)):
+                return made
     return made
