@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,6 +17,7 @@ from backend.diagnose.diagnosis import Diagnosis, Drawn
 from backend.diagnose.ends import one_motion
 from backend.diagnose.fitted import Fitted, mean_square
 from backend.diagnose.latent import forces, log_mean, responses
+from backend.diagnose.lone import set_lone_aside
 from backend.diagnose.next_experiment import next_experiment
 from backend.diagnose.overpromise import overpromise
 from backend.diagnose.shrink import Shrinkage, Test, held_out_tests, shrinkage
@@ -75,6 +76,9 @@ class Judgement:
 
     def of(self, best: Cause, last: Adequacy, climb: Climb) -> Diagnosis:
         """The best set of causes, from adequacy here and on the held-out experiments."""
+        if self.subject.held_out and set_lone_aside(best.fitted):
+            self.search.looked.clear()  # all that is foretold is of the samples that count
+            self.drawn = replace(self.drawn, tests=held_out(self.drawn.cause, self.scale, self.tell))
         after = held_out(best, self.scale, self.tell)
         enough = climb.enough(last)
         verdict = self._verdict(best, last, climb, self._shrunk(after))

@@ -53,6 +53,11 @@ class Unseen:
         """Whether anything smooth is left."""
         return _judged(self.r, self.values, self.starts, self.shapes)
 
+    def unexplained(self) -> Float[np.ndarray, " n"]:
+        """What nothing smooth explains of each row, in deviations of noise."""
+        precision = np.concatenate([np.ones(self.values.shape[1]), np.zeros(self.starts.shape[1])])
+        return _alone(self.r, np.concatenate([self.values, self.starts], 1), precision, self.shapes)
+
     def log_density(self) -> float:
         """Of the measured, foretold from the fitted experiments; up to a constant that all causes share."""
         Q, size, _ = np.linalg.svd(self.starts, full_matrices=False)
@@ -114,19 +119,22 @@ def _judged(r: np.ndarray, values: np.ndarray, starts: np.ndarray, L: np.ndarray
     """The values have a prior (of unit precision), the starts have none."""
     own = np.concatenate([values, starts], 1)
     precision = np.concatenate([np.ones(values.shape[1]), np.zeros(starts.shape[1])])
-    for again in (True, False):
-        A, prior = np.concatenate([own, L], 1), np.concatenate([precision, np.zeros(L.shape[1])])
-        every, most = _explained(r, A, prior), _explained(r, own, precision)
-        if not again:
-            break
-        H = np.linalg.pinv(A.T @ A + np.diag(prior), rcond=RANK, hermitian=True)
-        noise = np.maximum(1.0 - np.sum((A @ H) * A, 1), ALONE)  # power of what it leaves in each row
-        good = ~strays((r - A @ (H @ (A.T @ r))) / np.sqrt(noise))
-        r, own, L = r[good], own[good], L[good]
+    good = ~strays(_alone(r, own, precision, L))
+    r, own, L = r[good], own[good], L[good]
+    A, prior = np.concatenate([own, L], 1), np.concatenate([precision, np.zeros(L.shape[1])])
+    every, most = _explained(r, A, prior), _explained(r, own, precision)
     free = max(every[1] - most[1], 1.0)
     noise = max((float(r @ r) - every[0]) / max(r.size - every[1], 1.0), 1.0)
     gain = (every[0] - most[0]) / noise
     return Left(float(chi2.sf(gain, free)), float(gain - free) * noise / r.size)
+
+
+def _alone(r: np.ndarray, own: np.ndarray, precision: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """What values, starts and smooth shifts leave of every row, in deviations of what noise would be left."""
+    A, prior = np.concatenate([own, L], 1), np.concatenate([precision, np.zeros(L.shape[1])])
+    H = np.linalg.pinv(A.T @ A + np.diag(prior), rcond=RANK, hermitian=True)
+    noise = np.maximum(1.0 - np.sum((A @ H) * A, 1), ALONE)  # power of what it leaves in each row
+    return (r - A @ (H @ (A.T @ r))) / np.sqrt(noise)
 
 
 def _explained(r: np.ndarray, A: np.ndarray, prior: np.ndarray) -> tuple[float, float]:
