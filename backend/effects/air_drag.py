@@ -37,11 +37,14 @@ class AirDrag(AbstractDrag):
     )  # fmt: skip
 
     def wrench(self, body: BodyView) -> Wrench:
-        """Summed by Gauss's rule along the body."""
+        """Summed by Gauss's rule along the body, whose points move by middle + station x turning."""
         along = body.R_WB @ body.along_B
-        arm = self.half_length_m * body.part * STATIONS[:, None] * along
-        v = body.v_WC + jnp.cross(body.w_WB_W, arm)
-        v = v - self.slip * (v @ along)[:, None] * along
-        speed = jnp.sqrt(jnp.sum(v**2, -1, keepdims=True) + STILL_M_PER_S**2)
-        force = -0.25 * AIR_DENSITY_KG_PER_M3 * self.drag_area_m2 * WEIGHTS[:, None] * speed * v
-        return Wrench(jnp.sum(force, 0), jnp.sum(jnp.cross(arm, force), 0))
+        half = self.half_length_m * body.part
+        middle = body.v_WC - self.slip * (body.v_WC @ along) * along
+        turning = half * jnp.cross(body.w_WB_W, along)  # across the body: nothing of it slips
+        squares = middle @ middle + 2.0 * STATIONS * (middle @ turning) + STATIONS**2 * (turning @ turning)
+        speed = WEIGHTS * jnp.sqrt(jnp.maximum(squares, 0.0) + STILL_M_PER_S**2)
+        every, first, second = jnp.sum(speed), speed @ STATIONS, speed @ STATIONS**2
+        size = -0.25 * AIR_DENSITY_KG_PER_M3 * self.drag_area_m2
+        force = size * (every * middle + first * turning)
+        return Wrench(force, size * half * jnp.cross(along, first * middle + second * turning))
