@@ -8,7 +8,7 @@ one compiled program serves them all.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -70,6 +70,11 @@ def family_of(effect: type[AbstractEffect]) -> str:
     if issubclass(effect, SWITCHING):
         return effect.kind
     return LOAD if issubclass(effect, AbstractDryFriction) and _grows_with_load(effect) else SMOOTH
+
+
+def strikes(members: Iterable[Candidate]) -> bool:
+    """Whether parts strike or bend in any of them, so that its law is not that of a smooth force."""
+    return any(c.family not in (SMOOTH, LOAD) for c in members)
 
 
 def rubs_dry(kind: str) -> bool:

@@ -7,7 +7,7 @@ at the ends of a record a parabola along the last six.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -158,6 +158,32 @@ def _calm(data: Sequence[Measured], keep: Sequence[np.ndarray], still: list) -> 
     for i, c, rows in still:
         made.append((i, c, rows[keep[i][rows]]))
     return [m for m in made if m[2].size >= 5]
+
+
+Place = tuple[int, str, float]
+"""Experiment, part and time: a marker's coordinates stand or fall together."""
+
+
+def places(data: Sequence[Measured], keep: Sequence[np.ndarray]) -> list[Place]:
+    """Of the samples `keep` (indices, by experiment), in their order."""
+    return [
+        (i, d.channels[c].at, float(t))
+        for i, (d, rows) in enumerate(zip(data, keep, strict=True))
+        for c, t in zip(d.channel[rows], d.time_s[rows], strict=True)
+    ]
+
+
+def drop(data: Sequence[Measured], keep: Sequence[np.ndarray], these: Iterable[Place]) -> None:
+    """Samples at these places count no more in the masks `keep`."""
+    for i, part, time_s in these:
+        at = np.array([c.at == part for c in data[i].channels])[data[i].channel]
+        keep[i][at & (data[i].time_s == time_s)] = False
+
+
+def numbered(of: Sequence[Place]) -> Int[np.ndarray, " n"]:
+    """One number for each place, in the order of their first appearance."""
+    number = {place: k for k, place in enumerate(dict.fromkeys(of))}
+    return np.array([number[place] for place in of])
 
 
 def strays(left: Float[np.ndarray, " n"], together: Int[np.ndarray, " n"] | None = None) -> Bool[np.ndarray, " n"]:

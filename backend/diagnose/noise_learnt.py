@@ -7,7 +7,7 @@ import numpy as np
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.latent import Latent, left_over, neighbour_correlation, studentised
 from backend.diagnose.memory import Memory
-from backend.diagnose.noise import kind_of, strays
+from backend.diagnose.noise import drop, kind_of, numbered, places, strays
 
 CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is left
 MANY = 500  # neighbouring samples from which memory is bettered
@@ -46,18 +46,10 @@ def set_aside(fitted: Fitted, latent: Latent) -> bool:
     """Drop samples that no smooth cause could bring near, a marker's coordinates together; false where there are none,
     or too many to be chance.
     """
-    seer = Seer(fitted.subject, fitted.probes, fitted.fraction)
-    at = [
-        (i, p.data.channels[c].at, t)
-        for i, (p, white) in enumerate(zip(fitted.probes, seer.white, strict=True))
-        for c, t in zip(p.data.channel[white.keep], p.data.time_s[white.keep], strict=True)
-    ]
-    number = {place: k for k, place in enumerate(dict.fromkeys(at))}
-    wrong = strays(studentised(fitted, latent), np.array([number[place] for place in at]))
+    data = [p.data for p in fitted.probes]
+    at = places(data, [w.keep for w in Seer(fitted.subject, fitted.probes, fitted.fraction).white])
+    wrong = strays(studentised(fitted, latent), numbered(at))
     if not wrong.any() or wrong.mean() > 0.05:
         return False
-    for k in np.flatnonzero(wrong):
-        i, part, time_s = at[k]
-        data, keep = fitted.probes[i].data, fitted.subject.noise.keep[i]
-        keep[(data.time_s == time_s) & np.array([c.at == part for c in data.channels])[data.channel]] = False
+    drop(data, fitted.subject.noise.keep, {at[k] for k in np.flatnonzero(wrong)})
     return True

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, begun_from, in_order
 from backend.diagnose.fitted import Fitted, fit
-from backend.diagnose.library import LOAD, SMOOTH
+from backend.diagnose.library import strikes
 from backend.diagnose.screen import Screen, beyond
 from backend.diagnose.subject import Choice
 from backend.diagnose.which import APART, Search
@@ -44,8 +44,8 @@ def complete(search: Search, cause: Cause, scale: float) -> list[Cause]:
                 worth = gain + 2.0 * sum(c.log_odds for c in members)
                 choice = search.subject.choose(*rest, *members)
                 found.append((worth, choice, begun_alike(cause.fitted, choice, about, given, members, values)))
-    made, smooth = [], all(c.family in (SMOOTH, LOAD) for c in cause.candidates)
-    for _, choice, x in sorted(found, key=lambda f: -f[0])[: ALIASES if smooth else STRIKING]:
+    made, most = [], STRIKING if strikes(cause.candidates) else ALIASES
+    for _, choice, x in sorted(found, key=lambda f: -f[0])[:most]:
         if not search.cancelled():
             search.tell(f"trying {choice.name} as well")
             made.append(fit(search.subject, choice, start=x))

@@ -9,7 +9,7 @@ import numpy as np
 from backend.diagnose.adequacy import Adequacy, scaled
 from backend.diagnose.cause import Cause
 from backend.diagnose.fitted import log_evidence
-from backend.diagnose.library import LOAD, SMOOTH
+from backend.diagnose.library import strikes
 from backend.diagnose.shrink import gap_unit
 from backend.diagnose.softness import softness
 from backend.diagnose.which import Search
@@ -138,5 +138,4 @@ class AbstractStandards:
 
 def form(cause: Cause) -> float:
     """Share of a gap's size that the right cause may leave, because no law is exact."""
-    strikes = any(c.family not in (SMOOTH, LOAD) for c in cause.candidates)
-    return BLOWS if strikes else SMALL
+    return BLOWS if strikes(cause.candidates) else SMALL

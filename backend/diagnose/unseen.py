@@ -51,12 +51,22 @@ class Unseen:
 
     def left(self) -> Left:
         """Whether anything smooth is left."""
-        return _judged(self.r, self.values, self.starts, self.shapes)
+        good = ~strays(self.unexplained())
+        own, L = np.concatenate([self.values, self.starts], 1)[good], self.shapes[good]
+        return _judged(self.r[good], own, self._precision, L)
+
+    @property
+    def _precision(self) -> Float[np.ndarray, " own"]:
+        """The values have a prior (of unit precision), the starts have none."""
+        return np.concatenate([np.ones(self.values.shape[1]), np.zeros(self.starts.shape[1])])
 
     def unexplained(self) -> Float[np.ndarray, " n"]:
-        """What nothing smooth explains of each row, in deviations of noise."""
-        precision = np.concatenate([np.ones(self.values.shape[1]), np.zeros(self.starts.shape[1])])
-        return _alone(self.r, np.concatenate([self.values, self.starts], 1), precision, self.shapes)
+        """What values, starts and smooth shifts leave of every row, in deviations of what noise would be left."""
+        A = np.concatenate([self.values, self.starts, self.shapes], 1)
+        prior = np.concatenate([self._precision, np.zeros(self.shapes.shape[1])])
+        H = np.linalg.pinv(A.T @ A + np.diag(prior), rcond=RANK, hermitian=True)
+        noise = np.maximum(1.0 - np.sum((A @ H) * A, 1), ALONE)  # power of what it leaves in each row
+        return (self.r - A @ (H @ (A.T @ self.r))) / np.sqrt(noise)
 
     def log_density(self) -> float:
         """Of the measured, foretold from the fitted experiments; up to a constant that all causes share."""
@@ -115,26 +125,14 @@ def _shapes(probe: Probe, white: Whitening) -> Float[np.ndarray, "n shapes"]:
     return L[:, np.linalg.norm(L, axis=0) > 1e-9 * max(float(np.linalg.norm(L)), 1e-300)]
 
 
-def _judged(r: np.ndarray, values: np.ndarray, starts: np.ndarray, L: np.ndarray) -> Left:
-    """The values have a prior (of unit precision), the starts have none."""
-    own = np.concatenate([values, starts], 1)
-    precision = np.concatenate([np.ones(values.shape[1]), np.zeros(starts.shape[1])])
-    good = ~strays(_alone(r, own, precision, L))
-    r, own, L = r[good], own[good], L[good]
+def _judged(r: np.ndarray, own: np.ndarray, precision: np.ndarray, L: np.ndarray) -> Left:
+    """What smooth shifts L take away beside values and starts."""
     A, prior = np.concatenate([own, L], 1), np.concatenate([precision, np.zeros(L.shape[1])])
     every, most = _explained(r, A, prior), _explained(r, own, precision)
     free = max(every[1] - most[1], 1.0)
     noise = max((float(r @ r) - every[0]) / max(r.size - every[1], 1.0), 1.0)
     gain = (every[0] - most[0]) / noise
     return Left(float(chi2.sf(gain, free)), float(gain - free) * noise / r.size)
-
-
-def _alone(r: np.ndarray, own: np.ndarray, precision: np.ndarray, L: np.ndarray) -> np.ndarray:
-    """What values, starts and smooth shifts leave of every row, in deviations of what noise would be left."""
-    A, prior = np.concatenate([own, L], 1), np.concatenate([precision, np.zeros(L.shape[1])])
-    H = np.linalg.pinv(A.T @ A + np.diag(prior), rcond=RANK, hermitian=True)
-    noise = np.maximum(1.0 - np.sum((A @ H) * A, 1), ALONE)  # power of what it leaves in each row
-    return (r - A @ (H @ (A.T @ r))) / np.sqrt(noise)
 
 
 def _explained(r: np.ndarray, A: np.ndarray, prior: np.ndarray) -> tuple[float, float]:

@@ -74,7 +74,7 @@ def drag(system: System, placed: Bodies, velocity: BodyRows) -> BodyRows:
     total = jnp.zeros_like(velocity)
     for group in system.drags:
         which = group.at()
-        shares = jnp.array(group.shares or np.ones(len(which)))
+        shares = jnp.array(group.shares)
         wrench = jax.vmap(lambda e, v: e.wrench(v))(group.here, views(system, placed, velocity, which, shares))
         rows = _in_body(placed, wrench, which) * shares[:, None]
         total = total + _on_bodies(system, rows, which)

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from backend.mechanism.kinds import effect_kinds
 from backend.mechanism.read import read_study
 from benchmarks.judged import FOLDER, truth
 
@@ -15,8 +16,12 @@ def test_a_study_is_whole_and_its_truth_stands_beside_it(name):
     study = read_study(FOLDER / name / "study.json")
     assert study.fit
     assert study.held_out
-    effects = json.loads((FOLDER / name / "truth.json").read_text(encoding="utf-8"))["effects"]
-    assert all(e["kind"] in truth(FOLDER / name) for e in effects or [])
+    told, drawn = json.loads((FOLDER / name / "truth.json").read_text(encoding="utf-8")), study.mechanism
+    parts = {p.id for p in (*drawn.joints, *drawn.bodies, *drawn.markers, *drawn.effects)} | {"camera", "world"}
+    for effect in told["effects"] or []:
+        assert effect["kind"] in effect_kinds()
+        assert effect["on"] in parts
+        assert effect["size"] in truth(FOLDER / name)
 
 
 @pytest.mark.nightly
