@@ -119,7 +119,7 @@ class BodyView(eqx.Module):
     p_WC: Float[Array, "3"]
     R_WB: Float[Array, "3 3"]
     v_WC: Float[Array, "3"]
-    w_WB_W: Float[Array, "3"]
+    w_WB_B: Float[Array, "3"]
     mass: Float[Array, ""]
     p_BC: Float[Array, "3"]
     stretch: Float[Array, "3 3"]
@@ -134,7 +134,8 @@ class BodyView(eqx.Module):
 
 
 class Wrench(eqx.Module):
-    """Force [N] and torque about the centre of mass [N m], both in W; None is none at all."""
+    """Force in W [N] and torque about the centre of mass [N m], in W or in the body's axes; None is none at all."""
 
     force: Float[Array, "3"]
     torque: Float[Array, "3"] | None = None
+    torque_B: Float[Array, "3"] | None = None

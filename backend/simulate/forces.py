@@ -43,7 +43,7 @@ def views(
         p_WC=picked(placed.position, which),
         R_WB=R_WB,
         v_WC=moving[:, :3],
-        w_WB_W=apply(R_WB, moving[:, 3:]),
+        w_WB_B=moving[:, 3:],
         mass=mass,
         p_BC=picked(system.center_of_mass, which),
         stretch=picked(system.stretch, which),
@@ -170,9 +170,10 @@ def collect(table: np.ndarray, rows: Array) -> BodyRows:
 
 def _in_body(placed: Bodies, wrench: Wrench, which: np.ndarray) -> Float[Array, "places 6"]:
     """Force in W, torque in body axes."""
-    if wrench.torque is None:
-        return jnp.concatenate([wrench.force, jnp.zeros_like(wrench.force)], -1)
-    return jnp.concatenate([wrench.force, apply_transposed(picked(placed.rotation, which), wrench.torque)], -1)
+    torque = jnp.zeros_like(wrench.force) if wrench.torque_B is None else wrench.torque_B
+    if wrench.torque is not None:
+        torque = torque + apply_transposed(picked(placed.rotation, which), wrench.torque)
+    return jnp.concatenate([wrench.force, torque], -1)
 
 
 def _on_bodies(system: System, rows: Float[Array, "places 6"], which: np.ndarray) -> BodyRows:
