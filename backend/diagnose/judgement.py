@@ -103,8 +103,8 @@ class Judgement:
             fits = fits and (left.p > STRICT or slight or (shrunk is not None and self._tolerated(shrunk)))
         if shrunk is not None and shrunk.explained is not None:
             removed = shrunk.explained
-            if shrunk.explained_ci95 is not None and strikes(best.candidates) and climb.slight(best, last):
-                removed = shrunk.explained_ci95[1]  # blows enlarge whatever is amiss: a few motions tell little of it
+            if shrunk.ci95 is not None and strikes(best.candidates) and climb.slight(best, last):
+                removed = shrunk.ci95[1]  # blows enlarge whatever is amiss: a few motions tell little of it
         else:
             gap = gap_power(baseline.fitted, best.fitted, self.drawn.adequacy.power)
             removed = 1.0 - last.power / max(gap, 1e-12)
