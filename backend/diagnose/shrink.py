@@ -66,23 +66,26 @@ def _test(probe: Probe, noise: Noise, i: int, values: np.ndarray, scale: float) 
     return Test(probe, keep, probe.data.value[keep] - seen[keep], allowed, sigma, seen)
 
 
-def gap_power(made: Sequence[Test]) -> Float[np.ndarray, "blocks 3"]:
+def gap_power(
+    made: Sequence[Test], weights: Sequence[Float[np.ndarray, " n"]] | None = None
+) -> Float[np.ndarray, "blocks 3"]:
     """Per block of time of every experiment: sum of squared misses, of noise variances [m² or rad²], and samples.
 
-    Places of markers and slides, or angles where no experiment has any of those: squares of both have no sum.
+    weights: of the samples' squares in both sums. In metres of markers and slides, or angles where no experiment has
+    any of those: squares of both have no sum.
     """
     units = [np.array([c.unit for c in t.probe.data.channels])[t.probe.data.channel[t.keep]] for t in made]
     unit = gap_unit(t.probe for t in made)
     blocks = []
-    for t, mine in zip(made, units, strict=True):
+    for t, mine, weight in zip(made, units, weights or [np.ones(len(t.keep)) for t in made], strict=True):
         since = t.probe.since_release_s[t.keep]
         end = max(float(since.max()), 1e-12)
         at = np.clip((BLOCKS * since / end).astype(int), 0, BLOCKS - 1)
-        miss, allowed = _missed(t), _floor(t)
+        miss, allowed = weight * _missed(t) ** 2, weight * _floor(t)
         for b in range(BLOCKS):
             rows = t.moving & (at == b) & (mine == unit)
             if rows.any():
-                blocks.append([np.sum(miss[rows] ** 2), np.sum(allowed[rows]), rows.sum()])
+                blocks.append([np.sum(miss[rows]), np.sum(allowed[rows]), rows.sum()])
     return np.array(blocks).reshape(-1, 3)
 
 
@@ -121,21 +124,28 @@ class Shrinkage:
 
 
 def shrinkage(before: Sequence[Test], after: Sequence[Test], rng: np.random.Generator) -> Shrinkage | None:
-    """Of two models on the same held-out experiments, by a bootstrap over blocks of time; None where nothing moves."""
+    """Of two models on the same held-out experiments, by a bootstrap over blocks of time; None where nothing moves.
+
+    Of the explained fraction a sample counts the less, the more noise and an uncertain start leave open of it under
+    either model: late in a motion that enlarges its start nobody could foretell where it is.
+    """
     a, b = gap_power(before), gap_power(after)
     if not len(a):
         return None
     pick = rng.integers(0, len(a), (RESAMPLES, len(a)))
-    first = np.array([a[p, 0].sum() - a[p, 1].sum() for p in pick])
-    later = np.array([b[p, 0].sum() - b[p, 1].sum() for p in pick])
     count = a[:, 2].sum()
-    gap, rest = a[:, 0].sum() - a[:, 1].sum(), b[:, 0].sum() - b[:, 1].sum()
-    upper = float(np.sqrt(max(np.quantile(later, 0.975), 0.0) / count))
+    upper = float(np.sqrt(max(np.quantile(_beyond(b)[pick].sum(1), 0.975), 0.0) / count))
     was, now, noise = (float(np.sqrt(x / count)) for x in (a[:, 0].sum(), b[:, 0].sum(), a[:, 1].sum()))
-    if gap <= 0.0 or np.quantile(first, 0.025) <= 0.0:
+    weights = [x.sigma**2 / np.fmax(_floor(x), _floor(y)) for x, y in zip(before, after, strict=True)]
+    first, later = (_beyond(gap_power(made, weights)) for made in (before, after))
+    gaps, rests = first[pick].sum(1), later[pick].sum(1)
+    if first.sum() <= 0.0 or np.quantile(gaps, 0.025) <= 0.0:
         return Shrinkage(was, now, noise, None, None, upper)
-    fraction = 1.0 - later / np.where(first > 0, first, np.nan)
-    low, high = np.nanquantile(fraction, [0.025, 0.975])
-    return Shrinkage(
-        was, now, noise, float(min(1.0 - rest / gap, 1.0)), (float(min(low, 1.0)), float(min(high, 1.0))), upper
-    )
+    low, high = np.nanquantile(1.0 - rests / np.where(gaps > 0, gaps, np.nan), [0.025, 0.975])
+    explained = min(1.0 - later.sum() / first.sum(), 1.0)
+    return Shrinkage(was, now, noise, float(explained), (float(min(low, 1.0)), float(min(high, 1.0))), upper)
+
+
+def _beyond(power: Float[np.ndarray, "blocks 3"]) -> Float[np.ndarray, " blocks"]:
+    """Squared misses beyond the noise."""
+    return power[:, 0] - power[:, 1]
