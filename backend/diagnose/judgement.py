@@ -17,7 +17,6 @@ from backend.diagnose.diagnosis import Diagnosis, Drawn
 from backend.diagnose.ends import one_motion
 from backend.diagnose.fitted import Fitted, mean_square
 from backend.diagnose.latent import forces, log_mean, responses
-from backend.diagnose.library import strikes
 from backend.diagnose.lone import set_lone_aside
 from backend.diagnose.next_experiment import next_experiment
 from backend.diagnose.overpromise import overpromise
@@ -103,8 +102,6 @@ class Judgement:
             fits = fits and (left.p > STRICT or slight or (shrunk is not None and self._tolerated(shrunk)))
         if shrunk is not None and shrunk.explained is not None:
             removed = shrunk.explained
-            if shrunk.ci95 is not None and strikes(best.candidates) and climb.slight(best, last):
-                removed = shrunk.ci95[1]  # blows enlarge whatever is amiss: a few motions tell little of it
         else:
             gap = gap_power(baseline.fitted, best.fitted, self.drawn.adequacy.power)
             removed = 1.0 - last.power / max(gap, 1e-12)

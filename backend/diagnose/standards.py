@@ -93,22 +93,11 @@ class AbstractStandards:
         """Whether one more effect earned its place."""
         if top.fitted.fraction != best.fitted.fraction:
             return top.fitted.fraction > best.fitted.fraction
-        if not self.enough(judged) and self._foretells_less(top, best):
-            return False
         weight = np.sqrt(softness(scaled(top.fitted, self.scale))) if not self.enough(judged) else 1.0
         width = self.scale / weight
         gain = log_evidence(scaled(top.fitted, width)) - log_evidence(scaled(best.fitted, width))
         asked = max(WORTH, np.log(len(self.search.subject.library.candidates)) + 2.0)
         return gain > asked and (best.fitted.pressed or judged.power < SAME_POWER * max(found.power, NOTHING))
-
-    def _foretells_less(self, top: Cause, best: Cause) -> bool:
-        """Whether a set in which parts strike leaves more of held-out experiments than a smaller one: a fit of blows by
-        a law that is not quite theirs is bettered by anything that moves their moments.
-        """
-        if not strikes(top.candidates) or top.fitted.fraction < 1.0:
-            return False
-        more, less = self.search.left(top, self.scale), self.search.left(best, self.scale)
-        return more is not None and less is not None and more.excess > less.excess
 
     def _accepted(self, cause: Cause, best: Cause, judged: Adequacy, last: Adequacy) -> bool:
         """Whether a cause takes the best one's place: a larger one has to earn it."""

@@ -8,7 +8,6 @@ import pytest
 from backend.diagnose import beyond_smooth as module
 from backend.diagnose import climb as sets
 from backend.diagnose import closer as nearest
-from backend.diagnose import standards
 from backend.diagnose.climb import Climb
 from backend.diagnose.onset import MOVED, Onset
 from backend.diagnose.which import Search
@@ -347,34 +346,3 @@ def test_friction_that_grows_with_load_is_tried_alone_where_constant_friction_ne
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
     assert climb._or_load(pair, "before") == (alone, "judged")
     assert set(climb.search.tried) == {alone.names, both.names}
-
-
-@pytest.mark.parametrize(
-    ("family", "held_out", "accepted"),
-    [
-        ("clearance", {"play": 1.0, "play and spring": 2.0}, False),
-        ("clearance", {"play": 1.0, "play and spring": 0.5}, True),
-        (module.SMOOTH, {"play": 1.0, "play and spring": 2.0}, True),  # a smooth fit answers for itself
-    ],
-)
-def test_beside_what_strikes_stands_only_what_held_out_experiments_bear_out(monkeypatch, family, held_out, accepted):
-    climb: Any = object.__new__(Climb)
-    monkeypatch.setattr(climb, "enough", lambda judged: False, raising=False)
-    monkeypatch.setattr(standards, "scaled", lambda fitted, scale: fitted)
-    monkeypatch.setattr(standards, "softness", lambda fitted: 1.0)
-    monkeypatch.setattr(standards, "log_evidence", lambda fitted: fitted.log_z)
-    climb.scale = 1.0
-    left = {name: SimpleNamespace(excess=excess) for name, excess in held_out.items()}
-    climb.search = SimpleNamespace(
-        left=lambda cause, scale: left[cause.name],
-        subject=SimpleNamespace(library=SimpleNamespace(candidates=(None,) * 10)),
-    )
-    play, both = (
-        cast(Any, SimpleNamespace(
-            name=name, candidates=(SimpleNamespace(family=family),) * size,
-            fitted=SimpleNamespace(fraction=1.0, pressed=False, log_z=log_z),
-        ))
-        for name, size, log_z in (("play", 1, 0.0), ("play and spring", 2, 100.0))
-    )  # fmt: skip
-    judged, found = SimpleNamespace(power=0.5), SimpleNamespace(power=1.0)
-    assert climb._better(both, play, judged, found) is accepted
