@@ -31,6 +31,7 @@ UNREAD = 25.0  # noise variances a sample: so much left is far from linear, and 
 FAINT = 200.0  # sum of squares, in noise variances, that a cause takes off: so little is soon imitated
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 HARM = 4.0  # noise variances a sample, of a beginning that is well without it: so much no smooth single cause does
+BORNE_OUT = 2  # single causes that held-out experiments bear out best, beside which a stop is tried
 MOST = 0.5  # one more effect must leave at most this share of the power where the law of blows would excuse it
 
 
@@ -80,7 +81,10 @@ class AbstractBeyondSmooth(AbstractStandards):
                 best, last = self._closer(*self._joined(best, last, search), search)
             if self._settled(best, last):
                 break
-            for beside in self._besides(best, None if found else alone, found):
+            besides = self._besides(best, None if found else alone, found)
+            if refused and family in STOPS:
+                besides += self._borne_out(besides)
+            for beside in besides:
                 for cause in switching(search, self.baseline, family, motion, best, beside)[:1]:
                     self.search.tried[cause.names] = cause
                     cause, judged = self._judged(cause, search)
@@ -221,6 +225,18 @@ class AbstractBeyondSmooth(AbstractStandards):
         for cause in whole if self._at_first is None else (self._at_first, *whole):
             asked.setdefault(cause.names, cause)
         return list(asked.values())
+
+    def _borne_out(self, known: list[Cause]) -> list[Cause]:
+        """Single causes that held-out experiments do not refuse, those that leave least of them first, but for known
+        ones: an end of travel that only fitted experiments meet hides what else is amiss from those alone.
+        """
+        left: dict[tuple[str, ...], float] = {}
+        for cause in self.search.tried.values():
+            if len(cause.candidates) == 1 and cause.fitted.fraction == 1.0 and not self.refused(cause):
+                found = self.search.left(cause, self.scale)
+                left[cause.names] = np.inf if found is None else found.excess
+        borne = sorted(left, key=lambda names: left[names])[:BORNE_OUT]
+        return [self.search.tried[names] for names in borne if all(names != c.names for c in known)]
 
     @cached_property
     def _onset(self) -> Onset | None:

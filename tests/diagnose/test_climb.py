@@ -346,3 +346,20 @@ def test_friction_that_grows_with_load_is_tried_alone_where_constant_friction_ne
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
     assert climb._or_load(pair, "before") == (alone, "judged")
     assert set(climb.search.tried) == {alone.names, both.names}
+
+
+def test_a_stop_is_tried_beside_the_single_causes_that_held_out_experiments_bear_out(monkeypatch):
+    climb: Any = object.__new__(Climb)
+    leaves = {"clock": 0.02, "shutter": 0.05, "scale": 0.08, "base": 0.6, "late": 0.01}
+    tried: dict[tuple[str, ...], Any] = {
+        (name,): SimpleNamespace(
+            names=(name,), candidates=(name,), fitted=SimpleNamespace(fraction=0.5 if name == "late" else 1.0)
+        )
+        for name in sorted(leaves)
+    }
+    tried[("base", "clock")] = SimpleNamespace(names=("base", "clock"), candidates=(1, 2), fitted=tried["base",].fitted)
+    left = lambda cause, scale: SimpleNamespace(excess=leaves[cause.names[0]])  # noqa: E731
+    climb.search, climb.scale = SimpleNamespace(tried=tried, left=left), 1.0
+    monkeypatch.setattr(climb, "refused", lambda cause: leaves[cause.names[0]] > 0.5, raising=False)
+    assert [c.names for c in climb._borne_out([])] == [("clock",), ("shutter",)]
+    assert [c.names for c in climb._borne_out([tried["clock",]])] == [("shutter",)]
