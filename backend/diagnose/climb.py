@@ -11,11 +11,11 @@ from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
 from backend.diagnose.beyond_smooth import AbstractBeyondSmooth
 from backend.diagnose.cause import Cause
-from backend.diagnose.closer import closer
+from backend.diagnose.closer import closer, in_shape
 from backend.diagnose.recombined import recombined
 from backend.diagnose.same_motion import complete, elsewhere
 from backend.diagnose.softness import softness
-from backend.diagnose.standards import SURE, WORTH
+from backend.diagnose.standards import SURE, TELLING, WORTH
 from backend.diagnose.where import place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS
 
@@ -25,7 +25,6 @@ NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
 MOST_GONE = 0.1  # of the gap's power: of a cause that leaves no more, others that do the same are sought too
 PLAIN = 8  # sets of a size, the likeliest, that may do for a larger one
-TELLING = 0.7  # of the power that is left: a set that leaves no less than this of another's tells little more
 
 
 @dataclass
@@ -47,6 +46,10 @@ class Climb(AbstractBeyondSmooth):
             if not leaders:
                 break
             top, judged = self._judged(leaders[0])
+            if depth == SURE and not self.enough(judged):
+                leaders = self._leaders(in_shape(self.search, leaders))
+                if leaders[0] is not top:
+                    top, judged = self._judged(leaders[0])
             self._tell(f"{' + '.join(top.names)} leaves {judged.excess:.3g} of the noise's power, p {judged.p:.2g}")
             if found is not None and not self._better(top, best, judged, found):
                 break
@@ -69,8 +72,8 @@ class Climb(AbstractBeyondSmooth):
             level = self.search.level(parents, PARTNERS, rival=top, place=self._place(top))
         if found is None:
             found = adequacy(best.fitted, self.search.latent, self.rng)
-        if len(best.candidates) > SURE and self._may_mislead(best) and not self._cancelled():
-            best, found = self._exchanged(best, found, NAMED)
+        if len(best.candidates) > SURE:
+            best, found = self._likelier_than(best, found, worth=NAMED)
         if len(best.candidates) > 1 and not self._cancelled():
             best, found = self._thinned(best, found) if self.enough(found) else self._shaped(best, found)
         if not self._cancelled():
@@ -108,9 +111,9 @@ class Climb(AbstractBeyondSmooth):
                 self.search.level([simple], PARTNERS)
         return self._likelier_than(best, found, SURE) if narrow else (best, found)
 
-    def _likelier_than(self, best: Cause, found: Adequacy, size: int = 0) -> tuple[Cause, Adequacy]:
+    def _likelier_than(self, best: Cause, found: Adequacy, size: int = 0, worth: float = 0.0) -> tuple[Cause, Adequacy]:
         """The most probable set of so many members, or of as many as the best one has, unless that alone is enough."""
-        top = self._most_probable(best, 0.0, size)
+        top = self._most_probable(best, worth, size)
         if top is best:
             return best, found
         self._tell(f"{' + '.join(top.names)} is the likelier")
@@ -129,8 +132,10 @@ class Climb(AbstractBeyondSmooth):
         return SURE <= len(best.candidates) <= (SURE if self.search.followed == 1.0 else SURE + 1)
 
     def _exchanged(self, best: Cause, found: Adequacy, worth: float) -> tuple[Cause, Adequacy]:
-        """The best set with members given up or exchanged, as long as that makes it so much more probable."""
-        for _ in best.candidates:
+        """The best set with members given up or exchanged, as long as that makes it so much more probable; a set that
+        no diagnosis may be sure of once.
+        """
+        for _ in best.candidates[: 1 if len(best.candidates) > SURE else None]:
             self.search.exchange(best)
             top = self._most_probable(best, worth)
             if top is best or self._cancelled():

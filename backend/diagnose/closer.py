@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from backend.diagnose.cause import Cause
-from backend.diagnose.fitted import fit, log_evidence
+from backend.diagnose.fitted import BEHIND, fit, log_evidence
 from backend.diagnose.switched import GROWING, opened
 from backend.diagnose.which import Search
 
@@ -39,3 +39,20 @@ def coming_up(search: Search, leader: Cause, better: Cause, causes: Sequence[Cau
         and sorted(k.kind for k in c.candidates) == kinds
     ]  # fmt: skip
     return [closer(search, c) for c in sorted(near, key=lambda c: -c.log_z)[:RIVALS]]
+
+
+def in_shape(search: Search, level: Sequence[Cause]) -> list[Cause]:
+    """Sets of a level, the likeliest first, with what nobody states of them free as well: of each kind that has such a
+    shape the nearest, and others that could come up with it so. Drag that is spread along a bar may fall behind another
+    law as long as it acts at a point.
+    """
+    found, kinds = {c.names: c for c in level}, dict[tuple[str, ...], list[Cause]]()
+    for cause in level:
+        shapes = tuple(sorted(c.kind for c in cause.candidates if c.closer))
+        if shapes and cause.fitted.chi2 < BEHIND * level[0].fitted.chi2:
+            kinds.setdefault(shapes, []).append(cause)
+    for first, *others in kinds.values():
+        better = found[first.names] = closer(search, first)
+        reach = first.log_z - (better.log_z - first.log_z)
+        found |= {c.names: closer(search, c) for c in others[:RIVALS] if c.log_z > reach}
+    return list(found.values())

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 from scipy.stats import norm
 
+from backend.diagnose.independent import independent
 from backend.diagnose.kept import name_of
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Choice, Subject
@@ -192,11 +193,11 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead)
         def solved(x: np.ndarray, iterations: int, ftol: float) -> Solution:
             return solve(problem, x, max_iterations=iterations, ftol=ftol, refusals=REFUSALS, cancelled=cancelled)
 
-        enough = 2.0 * GAIN / seer.count
-        solution = solved(x, max_iterations, enough if ahead is None else COARSE)
+        solution = solved(x, max_iterations, COARSE)
         missed, rest = solution.residual[: seer.count], max_iterations - len(solution.history) + 1
-        if ahead is not None and rest > 0 and missed @ missed < BEHIND * ahead:
-            solution = solved(solution.x, rest, enough)
+        if solution.status == "converged" and rest > 0 and not (ahead is not None and missed @ missed > BEHIND * ahead):
+            worth = sum(independent(missed[rows]) for rows in seer.rows)
+            solution = solved(solution.x, rest, 2.0 * GAIN / max(worth, 1.0))
         known, full, slopes = (solution.x, solution.status), solution.residual, solution.jacobian
         if not (cancelled is not None and cancelled()):
             subject.kept.note(key, *known)

@@ -26,6 +26,7 @@ TRIFLE = 1e-3  # of the gap's size: what bears no name, because no law of fricti
 IN_REACH = 0.3  # of what is left: less than the whole library could take is not worth a search for sets
 WORTH = 5.0  # log evidence that another effect must bring at least; more where there were more to choose from
 SAME_POWER = 0.9  # one more effect must leave at most this share of what was left
+TELLING = 0.7  # the same of a set that no diagnosis may be sure of: one that leaves more tells little
 NOTHING = 1e-12  # power, in noise variances a sample
 
 
@@ -97,7 +98,8 @@ class AbstractStandards:
         width = self.scale / weight
         gain = log_evidence(scaled(top.fitted, width)) - log_evidence(scaled(best.fitted, width))
         asked = max(WORTH, np.log(len(self.search.subject.library.candidates)) + 2.0)
-        return gain > asked and (best.fitted.pressed or judged.power < SAME_POWER * max(found.power, NOTHING))
+        most = TELLING if len(top.candidates) > SURE and not self.enough(judged) else SAME_POWER
+        return gain > asked and (best.fitted.pressed or judged.power < most * max(found.power, NOTHING))
 
     def _accepted(self, cause: Cause, best: Cause, judged: Adequacy, last: Adequacy) -> bool:
         """Whether a cause takes the best one's place: a larger one has to earn it."""

@@ -22,8 +22,8 @@ from jaxtyping import Float
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.independent import independent
 from backend.diagnose.latent import SIZES, force_responses, forces
-from backend.diagnose.softness import independent
 from backend.diagnose.unknown import laws_of
 
 ROUNDS = 60  # of τ at one s

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backend.diagnose.softness import independent
+from backend.diagnose.independent import independent
 
 
 def test_white_noise_is_as_many_values_as_samples():

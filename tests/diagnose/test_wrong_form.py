@@ -8,7 +8,7 @@ millisecond; nothing of the engine is used.
 import numpy as np
 import pytest
 
-from backend.diagnose.softness import independent
+from backend.diagnose.independent import independent
 from backend.diagnose.wrong_form import apart
 
 TRUTH = np.array([203.0, 20.4, 3.0])  # N s/m, N, N
