@@ -15,7 +15,7 @@ NAMES = sorted(folder.name for folder in FOLDER.iterdir())
 def test_a_study_is_whole_and_its_truth_stands_beside_it(name):
     study = read_study(FOLDER / name / "study.json")
     assert study.fit
-    assert study.held_out
+    assert study.held_out or len(study.fit) == 1
     told, drawn = json.loads((FOLDER / name / "truth.json").read_text(encoding="utf-8")), study.mechanism
     parts = {p.id for p in (*drawn.joints, *drawn.bodies, *drawn.markers, *drawn.effects)} | {"camera", "world"}
     for effect in told["effects"] or []:
@@ -26,7 +26,7 @@ def test_a_study_is_whole_and_its_truth_stands_beside_it(name):
 
 @pytest.mark.nightly
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("name", ["u01", "u02", "u03", "u04", "u05", "v03", "v04"])
+@pytest.mark.parametrize("name", ["u01", "u02", "u03", "u04", "u05", "v03", "v04", "w04", "w05", "w06"])
 def test_what_was_amiss_is_named_first_where_it_is(name):
     from backend.diagnose.run import diagnose_study
 
