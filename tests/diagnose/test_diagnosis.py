@@ -330,6 +330,18 @@ def test_a_rough_spot_is_friction_of_an_unknown_law(drawing):
 
 
 @pytest.mark.nightly
+def test_a_brake_that_acts_in_a_part_of_the_way_is_an_unknown_law(drawing):
+    from backend.diagnose.run import diagnose_study
+
+    def brake(t, q, rate):
+        return -0.01 * np.exp(-(((q - 0.3) / 0.25) ** 4)) * rate
+
+    found = diagnose_study(study(drawing, 8, brake, frames=84), without=FEW, step_s=COARSE_S).report
+    assert found.verdict == "unknown"
+    assert found.where.locations[0].at == "joint:j1"
+
+
+@pytest.mark.nightly
 def test_a_blow_that_no_effect_of_the_library_gives_is_unknown_and_lies_at_the_joint(drawing):
     from backend.diagnose.run import diagnose_study
 
