@@ -18,11 +18,11 @@ from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Choice, Subject
 from backend.fit.solve import LeastSquares, Solution, solve
 
-GAIN = 0.1  # in log evidence, over the power of what is left: a step that brings less is the last
+GAIN = 0.1  # in log evidence, by as much of it as counts where the form is wrong: a step that brings less is the last
 AT_BOUND = 1e-6  # of a number's natural size
 PLACES = ("m", "rad")  # units of channels that tell where something is
 UNSETTLED = 5.0  # sd of noise
-COARSE = 0.02  # of what is left: a step of a fit far behind another that gains less is its last
+COARSE = 0.02  # of what is left: once a step gains less, a fit is seen through unless it is far behind another
 BEHIND = 4.0  # times what another leaves: so far behind it
 REFUSALS = 5  # in a row: where friction sticks, a slope promises what no step brings
 
