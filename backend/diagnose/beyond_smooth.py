@@ -208,8 +208,9 @@ class AbstractBeyondSmooth(AbstractStandards):
         return [f for f in every if f in PLAYS]
 
     def _best_alone(self) -> Cause | None:
-        """The likeliest single cause that follows whole records."""
-        singles = [c for c in self.search.tried.values() if len(c.candidates) == 1 and c.fitted.fraction == 1.0]
+        """The likeliest single smooth cause that follows whole records."""
+        smooth = [c for c in self.search.tried.values() if c.fitted.subject is self.search.subject]
+        singles = [c for c in smooth if len(c.candidates) == 1 and c.fitted.fraction == 1.0]
         return max(singles, key=self._by_fit, default=None)
 
     def _besides(self, best: Cause, alone: Cause | None, found: bool) -> list[Cause]:
@@ -263,6 +264,7 @@ class AbstractBeyondSmooth(AbstractStandards):
             return None
         self._tell(f"all is well in the first {share:.0%} of the records, trying what is met later")
         beside, motion = first if first.candidates else None, let_go(self.baseline.fitted)
+        known = dict(self.search.tried)
         for family in stops:
             search = self._search_of(family)
             if search is None:
@@ -274,6 +276,7 @@ class AbstractBeyondSmooth(AbstractStandards):
                 plain = self.enough(last) or last.power < SMALL**2 * min(self.at_base.power, WIDE)
                 if plain and self._settled(best, last):  # no smooth pair is asked, so it must be as good as one
                     return best, last
+        self.search.tried = known  # smooth sets go on from here, and cannot from one of another model
         return None
 
     def _single(self, pair: Cause, member: Candidate) -> Cause | None:
