@@ -18,7 +18,7 @@ from backend.diagnose.fitted import mean_square
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, STOPS, alike, families, library, rubs_dry
 from backend.diagnose.onset import MOVED, Onset, moved, onset
 from backend.diagnose.screen import LARGE
-from backend.diagnose.standards import NOTHING, SMALL, SURE, WIDE, WORTH, AbstractStandards
+from backend.diagnose.standards import NOTHING, SMALL, SURE, WIDE, AbstractStandards
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import let_go
 from backend.diagnose.switched import switching
@@ -148,7 +148,7 @@ class AbstractBeyondSmooth(AbstractStandards):
             if self._accepted(cause, best, judged, last):
                 best, last = cause, judged
                 if not self._settled(best, last):
-                    best, last = self._exchanged(best, last, WORTH)
+                    best, last = self._exchanged(best, last)
         return best, last
 
     def _closer(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
@@ -207,11 +207,14 @@ class AbstractBeyondSmooth(AbstractStandards):
         # all stand elsewhere before the release where pins lay aside.
         return [f for f in every if f in PLAYS]
 
-    def _best_alone(self) -> Cause | None:
-        """The likeliest single smooth cause that follows whole records."""
+    def _alone(self) -> list[Cause]:
+        """Single smooth causes that follow whole records: what was tried of another model joins none of this one."""
         smooth = [c for c in self.search.tried.values() if c.fitted.subject is self.search.subject]
-        singles = [c for c in smooth if len(c.candidates) == 1 and c.fitted.fraction == 1.0]
-        return max(singles, key=self._by_fit, default=None)
+        return [c for c in smooth if len(c.candidates) == 1 and c.fitted.fraction == 1.0]
+
+    def _best_alone(self) -> Cause | None:
+        """The likeliest of these."""
+        return max(self._alone(), key=self._by_fit, default=None)
 
     def _besides(self, best: Cause, alone: Cause | None, found: bool) -> list[Cause]:
         """Single causes beside which one that switches on is tried: what is enough for the beginnings of the records;
@@ -228,15 +231,12 @@ class AbstractBeyondSmooth(AbstractStandards):
         return list(asked.values())
 
     def _borne_out(self, known: list[Cause]) -> list[Cause]:
-        """Single causes that held-out experiments do not refuse, those that leave least of them first, but for known
-        ones: an end of travel that only fitted experiments meet hides what else is amiss from those alone.
+        """Single smooth causes that held-out experiments do not refuse, those that leave least of them first, but for
+        known ones: an end of travel that only fitted experiments meet hides what else is amiss from those alone.
         """
-        left: dict[tuple[str, ...], float] = {}
-        for cause in self.search.tried.values():
-            if len(cause.candidates) == 1 and cause.fitted.fraction == 1.0 and not self.refused(cause):
-                found = self.search.left(cause, self.scale)
-                left[cause.names] = np.inf if found is None else found.excess
-        borne = sorted(left, key=lambda names: left[names])[:BORNE_OUT]
+        left = {c.names: self.search.left(c, self.scale) for c in self._alone() if not self.refused(c)}
+        excess = {names: found.excess for names, found in left.items() if found is not None}
+        borne = sorted(excess, key=lambda names: excess[names])[:BORNE_OUT]
         return [self.search.tried[names] for names in borne if all(names != c.names for c in known)]
 
     @cached_property
@@ -306,8 +306,10 @@ class AbstractBeyondSmooth(AbstractStandards):
         return cause, adequacy(cause.fitted, search.latent, self.rng)
 
     @abstractmethod
-    def _exchanged(self, best: Cause, found: Adequacy, worth: float) -> tuple[Cause, Adequacy]:
-        """The best set with members given up or exchanged, as long as that makes it so much more probable."""
+    def _exchanged(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
+        """The best set with members given up or exchanged, as long as that makes it more probable by what that is
+        worth.
+        """
 
     def _tell(self, words: str) -> None:
         self.search.tell(words)

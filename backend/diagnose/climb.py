@@ -55,7 +55,7 @@ class Climb(AbstractBeyondSmooth):
                 break
             best, found = top, judged
             if self._may_mislead(top) and not self.enough(judged):
-                best, found = top, judged = self._exchanged(top, judged, WORTH)
+                best, found = top, judged = self._exchanged(top, judged)
             if depth == 1 and not self.enough(judged) and (struck := self._struck(top, judged)) is not None:
                 return struck
             if top.fitted.fraction == 1.0:
@@ -112,7 +112,9 @@ class Climb(AbstractBeyondSmooth):
         return self._likelier_than(best, found, SURE) if narrow else (best, found)
 
     def _likelier_than(self, best: Cause, found: Adequacy, size: int = 0, worth: float = 0.0) -> tuple[Cause, Adequacy]:
-        """The most probable set of so many members, or of as many as the best one has, unless that alone is enough."""
+        """The most probable set of so many members, or of as many as the best one has, where others are worth it,
+        unless the best one alone is enough.
+        """
         top = self._most_probable(best, worth, size)
         if top is best:
             return best, found
@@ -131,14 +133,16 @@ class Climb(AbstractBeyondSmooth):
         """Whether the way to a set is worth going back: to a pair, or to three where the drawing loses the motion."""
         return SURE <= len(best.candidates) <= (SURE if self.search.followed == 1.0 else SURE + 1)
 
-    def _exchanged(self, best: Cause, found: Adequacy, worth: float) -> tuple[Cause, Adequacy]:
-        """The best set with members given up or exchanged, as long as that makes it so much more probable; a set that
-        no diagnosis may be sure of once.
+    def _exchanged(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
+        """The best set with members given up or exchanged, as long as that makes it more probable by what that is
+        worth; a set that no diagnosis may be sure of once.
         """
-        for _ in best.candidates[: 1 if len(best.candidates) > SURE else None]:
+        size = len(best.candidates)
+        for _ in range(size if size <= SURE else 1):
             self.search.exchange(best)
-            top = self._most_probable(best, worth)
-            if top is best or self._cancelled():
+            top = self._most_probable(best, WORTH)
+            # A likelier set of another model has no members that could be exchanged in this one.
+            if top is best or top.fitted.subject is not self.search.subject or self._cancelled():
                 break
             best, found = self._judged(top)
             self._tell(f"{' + '.join(best.names)} instead leaves {found.excess:.3g} of the noise's power")

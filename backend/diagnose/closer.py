@@ -32,12 +32,15 @@ def closer(search: Search, cause: Cause) -> Cause:
 
 def coming_up(search: Search, leader: Cause, better: Cause, causes: Sequence[Cause]) -> list[Cause]:
     """Of causes, the nearest of a leader's kinds that could come up with it as it is closer, closer as well."""
-    reach, kinds = leader.log_z - (better.log_z - leader.log_z), sorted(c.kind for c in leader.candidates)
-    near = [
-        c for c in causes
-        if c.names != leader.names and c.fitted.fraction == leader.fitted.fraction and c.log_z > reach
-        and sorted(k.kind for k in c.candidates) == kinds
-    ]  # fmt: skip
+    kinds = sorted(c.kind for c in leader.candidates)
+    alike = [c for c in causes if c.names != leader.names and sorted(k.kind for k in c.candidates) == kinds]
+    return _within_reach(search, leader, better, alike)
+
+
+def _within_reach(search: Search, leader: Cause, better: Cause, causes: Sequence[Cause]) -> list[Cause]:
+    """The nearest of causes that would come up with a leader if they gained as much as it did, closer as well."""
+    reach = leader.log_z - (better.log_z - leader.log_z)
+    near = [c for c in causes if c.fitted.fraction == leader.fitted.fraction and c.log_z > reach]
     return [closer(search, c) for c in sorted(near, key=lambda c: -c.log_z)[:RIVALS]]
 
 
@@ -53,6 +56,5 @@ def in_shape(search: Search, level: Sequence[Cause]) -> list[Cause]:
             kinds.setdefault(shapes, []).append(cause)
     for first, *others in kinds.values():
         better = found[first.names] = closer(search, first)
-        reach = first.log_z - (better.log_z - first.log_z)
-        found |= {c.names: closer(search, c) for c in others[:RIVALS] if c.log_z > reach}
+        found |= {c.names: c for c in _within_reach(search, first, better, others)}
     return list(found.values())

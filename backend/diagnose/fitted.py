@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from backend.diagnose.independent import independent
+from backend.diagnose.independent import independent_of
 from backend.diagnose.kept import name_of
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Choice, Subject
@@ -195,9 +195,9 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead)
 
         solution = solved(x, max_iterations, COARSE)
         missed, rest = solution.residual[: seer.count], max_iterations - len(solution.history) + 1
-        if solution.status == "converged" and rest > 0 and not (ahead is not None and missed @ missed > BEHIND * ahead):
-            worth = sum(independent(missed[rows]) for rows in seer.rows)
-            solution = solved(solution.x, rest, 2.0 * GAIN / max(worth, 1.0))
+        behind = ahead is not None and missed @ missed > BEHIND * ahead
+        if solution.status == "converged" and rest > 0 and not behind:
+            solution = solved(solution.x, rest, 2.0 * GAIN / max(independent_of(missed, seer.rows), 1.0))
         known, full, slopes = (solution.x, solution.status), solution.residual, solution.jacobian
         if not (cancelled is not None and cancelled()):
             subject.kept.note(key, *known)

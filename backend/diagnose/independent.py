@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
@@ -19,3 +21,8 @@ def independent(r: Float[np.ndarray, " n"]) -> float:
     lag = np.arange(1, max(n // 4, 2))
     a = np.maximum(np.fft.irfft(power)[lag] / float(r @ r), 0.0)
     return float(np.max(n / lag * (1.0 - a) / (1.0 + a)))
+
+
+def independent_of(r: Float[np.ndarray, " n"], rows: Sequence[slice]) -> float:
+    """Of several series one behind the other, as `rows` says."""
+    return sum(independent(r[run]) for run in rows)

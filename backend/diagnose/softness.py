@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from backend.diagnose.fitted import Fitted
-from backend.diagnose.independent import independent
+from backend.diagnose.independent import independent_of
 
 
 def softness(best: Fitted) -> float:
@@ -13,5 +13,5 @@ def softness(best: Fitted) -> float:
     count each sample as evidence against its rivals.
     """
     power = best.chi2 / max(best.r.size - best.x.size, 1)
-    free = sum(independent(best.r[rows]) for rows in best.rows) / best.r.size
+    free = independent_of(best.r, best.rows) / best.r.size
     return min(1.0, free / max(power, 1.0))

@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.fitted import Fitted, Seer
-from backend.diagnose.independent import independent
+from backend.diagnose.independent import independent_of
 from backend.diagnose.latent import SIZES, force_responses, forces
 from backend.diagnose.unknown import laws_of
 
@@ -75,7 +75,7 @@ def apart(
         readings.append(_reading(r, A, G, b, drawn, prior, guess))
     best = max(readings, key=lambda reading: reading.log_z)
     rest = r - A @ best.step
-    free = sum(independent(rest[run]) for run in rows) / r.size
+    free = independent_of(rest, rows) / r.size
     own = slice(J.shape[1])
     return np.sqrt(best.variance[own] / free + best.step[own] ** 2) / unit[own]
 

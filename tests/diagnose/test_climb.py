@@ -227,6 +227,7 @@ def test_an_end_of_travel_is_sought_first_where_something_came_later(
     monkeypatch.setattr(climb, "_closer", lambda best, last, search: (best, last))
     monkeypatch.setattr(climb, "_settled", lambda best, last: True)
     assert climb._struck(top, SimpleNamespace(excess=excess)) == ((struck, left) if named else None)
+    assert set(climb.search.tried) == ({struck.names} if named else set())  # smooth sets cannot go on from another's
     assert beside == ([first] if sought else [])
 
 
@@ -350,16 +351,47 @@ def test_friction_that_grows_with_load_is_tried_alone_where_constant_friction_ne
 
 def test_a_stop_is_tried_beside_the_single_causes_that_held_out_experiments_bear_out(monkeypatch):
     climb: Any = object.__new__(Climb)
-    leaves = {"clock": 0.02, "shutter": 0.05, "scale": 0.08, "base": 0.6, "late": 0.01}
+    leaves = {"clock": 0.02, "shutter": 0.05, "scale": 0.08, "base": 0.6, "late": 0.01, "stop": 0.01}
     tried: dict[tuple[str, ...], Any] = {
         (name,): SimpleNamespace(
-            names=(name,), candidates=(name,), fitted=SimpleNamespace(fraction=0.5 if name == "late" else 1.0)
+            names=(name,),
+            candidates=(name,),
+            fitted=SimpleNamespace(fraction=0.5 if name == "late" else 1.0, subject=None if name == "stop" else 1),
         )
         for name in sorted(leaves)
     }
     tried[("base", "clock")] = SimpleNamespace(names=("base", "clock"), candidates=(1, 2), fitted=tried["base",].fitted)
     left = lambda cause, scale: SimpleNamespace(excess=leaves[cause.names[0]])  # noqa: E731
-    climb.search, climb.scale = SimpleNamespace(tried=tried, left=left), 1.0
+    climb.search, climb.scale = SimpleNamespace(tried=tried, left=left, subject=1), 1.0
     monkeypatch.setattr(climb, "refused", lambda cause: leaves[cause.names[0]] > 0.5, raising=False)
     assert [c.names for c in climb._borne_out([])] == [("clock",), ("shutter",)]
     assert [c.names for c in climb._borne_out([tried["clock",]])] == [("shutter",)]
+
+
+def test_a_single_cause_of_another_model_is_no_partner_of_smooth_ones(monkeypatch):
+    climb: Any = object.__new__(Climb)
+    spring, stop = (
+        SimpleNamespace(candidates=(name,), log_z=log_z, fitted=SimpleNamespace(fraction=1.0, subject=subject))
+        for name, log_z, subject in (("spring", -90.0, 1), ("stop", -10.0, 2))
+    )
+    climb.search = SimpleNamespace(tried={("spring",): spring, ("stop",): stop}, subject=1)
+    monkeypatch.setattr(climb, "_by_fit", lambda cause: cause.log_z)
+    assert climb._best_alone() is spring
+
+
+def test_members_are_exchanged_as_long_as_that_is_worth_it_and_stays_in_one_model(monkeypatch):
+    climb: Any = object.__new__(Climb)
+    asked: list[str] = []
+    cause = lambda name, subject: SimpleNamespace(  # noqa: E731
+        names=(name,), candidates=(1, 2), fitted=SimpleNamespace(subject=subject)
+    )
+    first, second, stop = cause("first", 1), cause("second", 1), cause("stop", 2)
+    climb.search = SimpleNamespace(exchange=lambda best: asked.append(best.names[0]), subject=1)
+    likelier = {"first": second, "second": stop}
+    monkeypatch.setattr(climb, "_most_probable", lambda best, worth: likelier[best.names[0]])
+    monkeypatch.setattr(climb, "_judged", lambda cause: (cause, SimpleNamespace(excess=1.0)))
+    monkeypatch.setattr(climb, "_cancelled", lambda: False)
+    monkeypatch.setattr(climb, "_tell", lambda words: None)
+    monkeypatch.setattr(climb, "enough", lambda judged: False)
+    best, found = climb._exchanged(first, None)
+    assert (best, found.excess, asked) == (second, 1.0, ["first", "second"])

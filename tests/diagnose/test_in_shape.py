@@ -13,7 +13,9 @@ OPEN = {"air_drag", "coulomb_friction"}  # kinds of which something is left open
 
 def found(*names: str, chi2: float, log_z: float) -> Any:
     members = [SimpleNamespace(kind=n.split(":")[0], closer=(n,) if n.split(":")[0] in OPEN else ()) for n in names]
-    return SimpleNamespace(names=names, candidates=members, fitted=SimpleNamespace(chi2=chi2), log_z=log_z)
+    return SimpleNamespace(
+        names=names, candidates=members, fitted=SimpleNamespace(chi2=chi2, fraction=1.0), log_z=log_z
+    )
 
 
 @pytest.fixture
