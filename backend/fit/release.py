@@ -12,6 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from backend.fit.noise import quantum
+from backend.fit.wild import agreeing
+
 DEGREE = 3  # a window of a third of a period needs curvature and its change
 FEW = 10  # samples below which a cubic is no longer checked by its window
 
@@ -33,7 +36,8 @@ def held_still(
     sigma: Float[np.ndarray, " n"],
     release_s: float,
 ) -> ChannelStart:
-    """Weighted mean of the static frames; the first sample serves alone where none precedes the release.
+    """Weighted mean of the static frames without wild ones; the first sample serves alone where none precedes the
+    release.
 
     Raises ValueError for an empty channel.
     """
@@ -42,10 +46,12 @@ def held_still(
     still = time_s < release_s
     if not np.any(still):
         still = time_s <= time_s[0]
-    weight = 1.0 / sigma[still] ** 2
-    return ChannelStart(
-        float(weight @ value[still] / weight.sum()), 0.0, float(weight.sum() ** -0.5), 0.0, int(still.sum())
-    )
+    value, sigma = value[still], sigma[still]
+    # The scatter of static frames, which sigma may be, holds a wild one; a count up or down is none.
+    rounding = quantum(value) / np.sqrt(12.0) / float(np.median(sigma))
+    kept = agreeing(1.0 / sigma[:, None], value / sigma, rounding)
+    weight = kept / sigma**2
+    return ChannelStart(float(weight @ value / weight.sum()), 0.0, float(weight.sum() ** -0.5), 0.0, int(kept.sum()))
 
 
 def moving(
@@ -57,8 +63,9 @@ def moving(
 ) -> ChannelStart:
     """Weighted local polynomial over [release, release + window], read off at the release.
 
-    Degree 3, less where samples are few. A window longer than a cubic can follow is halved until it can (chi
-    within three of its own sd) or few samples are left. Raises ValueError with fewer than two samples in the window.
+    Degree 3, less where samples are few. A window longer than a cubic can follow without its wild samples is halved
+    until it can (chi within three of its own sd) or few samples are left. Raises ValueError with fewer than two samples
+    in the window.
     """
     span, found = window_s, None
     while True:
@@ -71,19 +78,23 @@ def moving(
                 f"{n} sample(s) within {span:g} s of the release at {release_s:g} s: a velocity needs two. "
                 "Lengthen release.window_s."
             )
-        found, miss = _cubic((time_s[inside] - release_s) / span, value[inside], sigma[inside], span)
-        if miss < 1.0 + 3.0 / np.sqrt(2.0 * max(n - DEGREE - 1, 1)):
+        u, degree = (time_s[inside] - release_s) / span, min(DEGREE, n - 1)
+        A, b = np.vander(u, degree + 1, increasing=True) / sigma[inside, None], value[inside] / sigma[inside]
+        found, follows = _polynomial(A, b, span)
+        if not follows and not np.all(kept := agreeing(A, b, 1.0)):
+            found, follows = _polynomial(A[kept], b[kept], span)
+        if follows:
             return found
         span *= 0.5
 
 
-def _cubic(u, value, sigma, span_s) -> tuple[ChannelStart, float]:
-    """Value and rate at u = 0, and the rms miss of the window in sigmas; u is time over the window's length."""
-    degree = min(DEGREE, u.size - 1)
-    A = np.vander(u, degree + 1, increasing=True) / sigma[:, None]
-    c, *_ = np.linalg.lstsq(A, value / sigma, rcond=None)
+def _polynomial(A: np.ndarray, b: np.ndarray, span_s: float) -> tuple[ChannelStart, bool]:
+    """Value and rate where the window begins, and whether its samples follow; rows in sigmas, time in spans."""
+    (n, terms), rest = A.shape, max(A.shape[0] - A.shape[1], 1)
+    c, *_ = np.linalg.lstsq(A, b, rcond=None)
     cov = np.linalg.pinv(A.T @ A)
-    miss = float(np.sqrt(np.sum((A @ c - value / sigma) ** 2) / max(u.size - degree - 1, 1)))
+    miss = float(np.sqrt(np.sum((A @ c - b) ** 2) / rest))
     sd = np.sqrt(np.diag(cov))
-    rate, rate_sd = (c[1], sd[1]) if degree else (0.0, np.inf)
-    return ChannelStart(float(c[0]), float(rate / span_s), float(sd[0]), float(rate_sd / span_s), u.size), miss
+    rate, rate_sd = (c[1], sd[1]) if terms > 1 else (0.0, np.inf)
+    start = ChannelStart(float(c[0]), float(rate / span_s), float(sd[0]), float(rate_sd / span_s), n)
+    return start, miss < 1.0 + 3.0 / np.sqrt(2.0 * max(n - DEGREE - 1, 1))
