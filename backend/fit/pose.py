@@ -64,6 +64,8 @@ def find_start(model: Model, data: Measured, release: Release) -> Found:
     """The start of an experiment from its own first samples alone (see `release`)."""
     target = _target(model, data, release)
     made, drawn = _drawn(model)
+    if not _is_placed(drawn):
+        raise ValueError("The drawn pose, from which the start is sought, cannot be closed: see linktwin check.")
     best = _walk(model, made, drawn, target)
     rng = np.random.default_rng(0)
     for _ in range(OTHERS):
@@ -74,11 +76,16 @@ def find_start(model: Model, data: Measured, release: Release) -> Found:
             motions = assemble.free_motions(made, elsewhere)
             kick = rng.uniform(-1.0, 1.0, motions.shape[-1])
             there = _closed(made, elsewhere, jnp.asarray(motions @ kick))
-            if np.isfinite(there.position).all():  # so far at once, a chain in space may not be closed again
+            if _is_placed(there):  # so far at once, a chain in space may not be closed again
                 elsewhere = there
         found = _walk(model, made, elsewhere, target)
         best = min(best, found, key=lambda f: f[0])
     rms, pose, motions = best
+    if not np.isfinite(rms):
+        raise ValueError(
+            f"No pose to start from is found: the search from the drawn pose and {OTHERS} others was lost each time. "
+            "Draw the mechanism nearer to the pose in which it is let go, or check the samples about the release."
+        )
     seen, slope = (np.asarray(a) for a in look(model, pose, jnp.asarray(motions)))
     rates = _least(slope[target.column] / target.size[:, None], target.rate / target.size)
     turns = np.zeros(seen.size + len(model.topology.joint_ids))
@@ -115,17 +122,25 @@ def _closed(made, pose, moved):
     return assemble.closed(made, pose, moved)
 
 
+def _is_placed(pose: Pose) -> bool:
+    """Whether every body has a place and an attitude; bodies about one point keep the former without the latter."""
+    return bool(np.isfinite(pose.position).all() and np.isfinite(pose.quaternion).all())
+
+
 def _walk(model: Model, made, pose: Pose, target: _Target) -> tuple[float, Pose, np.ndarray]:
+    """The rms miss where the walk from a pose ends (infinite: lost), the pose there and its free motions."""
     for _ in range(60):
         motions = assemble.free_motions(made, pose)
         seen, slope = (np.asarray(a) for a in look(model, pose, jnp.asarray(motions)))
+        if not (np.isfinite(seen[target.column]).all() and np.isfinite(slope[target.column]).all()):
+            return np.inf, pose, motions
         miss = target.miss(seen) / target.size
         step = _least(slope[target.column] / target.size[:, None], miss)
         longest = np.abs(step).max(initial=0.0)
         if longest < 1e-10:
             break
         there = _closed(made, pose, jnp.asarray(motions @ (step * min(1.0, LONGEST / longest))))
-        if not np.isfinite(there.position).all():
+        if not _is_placed(there):
             break
         pose = there
     return float(np.sqrt(np.mean(miss**2))), pose, motions
