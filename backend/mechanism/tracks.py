@@ -130,7 +130,8 @@ def _csv(path: Path) -> dict[str, Any]:
         twice = sorted(name for name, count in Counter(header).items() if count > 1)
         more = f" and {len(twice) - SHOWN} more" if len(twice) > SHOWN else ""
         raise DrawingError(f"column {', '.join(twice[:SHOWN])}{more} stands twice in the header; keep one", str(path))
-    cells = list(zip(*rows[1:], strict=True)) or [()] * len(header)
+    # Blanks after commas are how many write a list: no name ends in one, and a blank cell holds nothing.
+    cells = [tuple(map(str.strip, column)) for column in zip(*rows[1:], strict=True)] or [()] * len(header)
     return dict(zip(header, cells, strict=True))
 
 
@@ -255,15 +256,26 @@ def _sigma(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
 
 
 def _order(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
-    before: dict[Any, float] = {}
-    keys = zip(*(table[key] for key in form.keys), strict=True)
-    for row, (key, time) in enumerate(zip(keys, table["time_s"].tolist(), strict=True), start=2):
-        last = before.get(key)
-        if last is not None and time <= last:
-            what = "is repeated" if time == last else f"runs backwards from {last:g} s"
-            whose = f'{form.keys[0]} "{key[0]}"'
-            yield f"row {row}: time_s {time:g} s {what} for {whose}; sort by time, one row per sample"
-        before[key] = time
+    latest: dict[Any, tuple[float, int]] = {}
+    rows_at: dict[tuple[Any, float], int] = {}
+    keys = list(zip(*(table[key] for key in form.keys), strict=True))
+    times = table["time_s"].tolist()
+    for row, (key, time) in enumerate(zip(keys, times, strict=True), start=2):
+        last, at = latest.get(key, (-np.inf, 0))
+        if time > last:
+            latest[key] = time, row
+            continue
+        if not rows_at:  # only a table with faults pays for it
+            for earlier, sample in enumerate(zip(keys, times, strict=True), start=2):
+                rows_at.setdefault(sample, earlier)
+        whose = " ".join(f'{name} "{id}"' for name, id in zip(form.keys, key, strict=True))
+        if (first := rows_at[key, time]) < row:
+            yield f"row {row}: time_s {time:g} s of {whose} is repeated from row {first}; keep one row per sample"
+        else:
+            yield (
+                f"row {row} is out of order: time_s {time:g} s of {whose} stands below {last:g} s in row {at}; "
+                "sort the rows by time_s"
+            )
 
 
 def _few(faults: list[str]) -> list[str]:

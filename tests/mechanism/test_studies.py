@@ -160,6 +160,19 @@ def test_tracks_in_pixels_alone_are_read_where_their_camera_is_named(study, tmp_
     assert e1.tracks[["x_m", "y_m", "z_m", "sigma_m"]].isna().all(axis=None)
 
 
+def test_blanks_after_commas_say_nothing(study):
+    close = study().experiments[0]
+    apart = study(lambda document, tables: tables.update({f: t.replace(",", ", ") for f, t in tables.items()}))
+    for name in ("tracks", "joint_positions", "inputs", "joint_efforts"):
+        pd.testing.assert_frame_equal(getattr(apart.experiments[0], name), getattr(close, name))
+
+
+def test_each_row_of_a_file_that_was_appended_to_itself_is_a_repeat(study):
+    with pytest.raises(DrawingError) as refusal:
+        study(lambda document, tables: tables.update({"t.csv": TRACKS + TRACKS.split("\n", 1)[1]}))
+    assert [p.split("is repeated from ")[1][:5] for p in refusal.value.problems] == ["row 2", "row 3", "row 4"]
+
+
 def test_a_table_without_a_column_of_noise_leaves_it_to_be_estimated(study):
     table = "time_s,joint,q\n0,j1,0.1\n0.01,j1,0.2\n"
     found = study(lambda document, tables: tables.update({"q.csv": table}))
@@ -243,11 +256,22 @@ FAULTS = {
     ),
     "text for a number": (row("q.csv", "1,j1,fast,\n"), ["q.csv", "row 4", "'fast'", "write a number"]),
     "underscore in a number": (row("q.csv", "1,j1,1_0,\n"), ["q.csv", "row 4", "'1_0'", "write a number"]),
-    "time backwards": (
+    "rows out of order": (
         row("t.csv", "0.015,tip,0,0,0,\n"),
-        ["t.csv", "row 5", "0.015 s runs backwards from 0.02 s", 'marker "tip"', "sort"],
+        ["t.csv", 'row 5 is out of order: time_s 0.015 s of marker "tip" stands below 0.02 s in row 4', "sort"],
     ),
-    "time repeated": (row("q.csv", "0.01,j1,0,\n"), ["q.csv", "row 4", "0.01 s is repeated", 'joint "j1"']),
+    "time repeated": (
+        row("q.csv", "0.01,j1,0,\n"),
+        ["q.csv", 'row 4: time_s 0.01 s of joint "j1" is repeated from row 3', "keep one"],
+    ),
+    "time repeated far below": (
+        row("t.csv", "0.03,tip,0,0,0,\n0.01,tip,0,0,0,\n"),
+        ["t.csv", 'row 6: time_s 0.01 s of marker "tip" is repeated from row 3', "keep one"],
+    ),
+    "drive repeated": (
+        row("u.csv", "0,s1,stiffness_n_per_m,1\n"),
+        ["u.csv", 'row 4: time_s 0 s of effect "s1" parameter "stiffness_n_per_m" is repeated from row 2'],
+    ),
     "negative sigma": (
         row("q.csv", "0.02,j1,0,-0.1\n"),
         ["q.csv", "row 4", "sigma is -0.1", "leave it empty"],
