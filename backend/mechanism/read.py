@@ -19,6 +19,7 @@ from backend.mechanism.part import Part
 from backend.mechanism.sentences import sentences
 from backend.mechanism.study import Experiment, ExperimentFile, Study, StudyFile, study_problems
 from backend.mechanism.tracks import PLACES, SHOWN, TABLES, read_table
+from backend.mechanism.units import far_tracks
 
 VERSION = "1.0"
 HALF_LETTER = re.compile(r"\\u[dD][89a-fA-F]")  # letters beyond 65535 come in two halves
@@ -153,6 +154,8 @@ def _experiment(entry: ExperimentFile, mechanism: Mechanism, opener: _Folder) ->
             f"{entry.tracks}: holds no place in metres; name the camera.json of its clip as the experiment's camera, "
             "or track the clip again with the bed file"
         )
+    if tracks is not None:
+        problems += [f"{entry.tracks}: {problem}" for problem in far_tracks(tracks, mechanism)]
     last = max((float(table["time_s"].max()) for table in tables.values()), default=None)
     if last is not None and entry.release.time_s >= last:
         problems.append(

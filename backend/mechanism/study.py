@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 Use = Literal["fit", "held_out"]
 MOST_TOLERANCES = 1000
+WINDOW_S = 0.3  # a third of a swing of most linkages that stand on a table
 NAMED = (*TABLES, "video", "camera")  # what of an experiment names a file
 
 
@@ -33,7 +34,12 @@ class Release(Part):
 
     time_s: float
     at_rest: bool = True
-    window_s: Annotated[float, Field(gt=0.0)] = 0.3
+    window_s: Annotated[float, Field(gt=0.0)] = WINDOW_S
+
+    @property
+    def states_a_window(self) -> bool:
+        """Whether the file asks for a window of its own; one that was written in full gives the usual one."""
+        return self.window_s != WINDOW_S
 
 
 class ExperimentFile(Part):
@@ -156,6 +162,7 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
     if len(study.tolerances) > MOST_TOLERANCES:
         yield f"{len(study.tolerances)} tolerances are above the limit of {MOST_TOLERANCES}; name several parts in one"
         return
+    stated: dict[str, dict[str, tuple[int, float]]] = {}
     for index, tolerance in enumerate(study.tolerances, start=1):
         where = f'tolerance {index} ("{tolerance.kind}")'
         try:
@@ -165,3 +172,19 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
             continue
         for fault in place_faults(drawn, kind, tolerance.on):
             yield f"{where}: {fault}"
+        yield from _restated(stated.setdefault(kind.name, {}), index, tolerance)
+
+
+def _restated(stated: dict[str, tuple[int, float]], index: int, tolerance: Tolerance) -> Iterator[str]:
+    """Of a tolerance that takes the place of an earlier one; "all" may come first, and be narrowed part by part.
+
+    stated: part -> number and sd of the tolerance that named it, of one kind; what this one names is added.
+    """
+    on: tuple[str, ...] = ("all",) if tolerance.on == "all" else tuple(tolerance.on)
+    for name in [*stated] if "all" in on else [name for name in on if name in stated]:
+        first, sd = stated[name]
+        yield (
+            f'tolerance {index} ("{tolerance.kind}"): "{name}" has sd {tolerance.sd:g} here and {sd:g} in tolerance '
+            f"{first}; keep one"
+        )
+    stated |= dict.fromkeys(on, (index, tolerance.sd))

@@ -173,6 +173,11 @@ def test_each_row_of_a_file_that_was_appended_to_itself_is_a_repeat(study):
     assert [p.split("is repeated from ")[1][:5] for p in refusal.value.problems] == ["row 2", "row 3", "row 4"]
 
 
+def test_a_tolerance_of_all_may_be_narrowed_part_by_part(study):
+    wide = {"kind": "mass_error", "on": "all", "sd": 0.05}
+    assert len(study(lambda document, tables: document["tolerances"].insert(0, wide)).tolerances) == 2
+
+
 def test_a_table_without_a_column_of_noise_leaves_it_to_be_estimated(study):
     table = "time_s,joint,q\n0,j1,0.1\n0.01,j1,0.2\n"
     found = study(lambda document, tables: tables.update({"q.csv": table}))
@@ -323,6 +328,18 @@ FAULTS = {
     "tolerance of no kind": (tolerance(kind="weight"), ['tolerance 1 ("weight")', "unknown", "mass_error"]),
     "tolerance of no body": (tolerance(on=["arm"]), ['tolerance 1 ("mass_error")', '"arm"', '"link1"']),
     "tolerance without width": (tolerance(sd=0), ["tolerance 1: sd is 0", "above 0"]),
+    "tolerance stated again": (
+        lambda document, tables: document["tolerances"].append({"kind": "mass_error", "on": ["link1"], "sd": 0.05}),
+        ['tolerance 2 ("mass_error"): "link1" has sd 0.05 here and 0.02 in tolerance 1', "keep one"],
+    ),
+    "tolerance of all below one of a part": (
+        lambda document, tables: document["tolerances"].append({"kind": "mass_error", "on": "all", "sd": 0.05}),
+        ['tolerance 2 ("mass_error"): "link1" has sd 0.05 here and 0.02 in tolerance 1', "keep one"],
+    ),
+    "tracks in millimetres": (
+        table("t.csv", "time_s,marker,x_m,y_m,z_m\n0,tip,95,10,0\n0.01,tip,96,9,\n0.02,tip,95,10,\n"),
+        ['t.csv: marker "tip" is seen 95', "from where it is drawn", "places are in m (1 mm is 0.001)"],
+    ),
     "no such mechanism": (
         lambda document, tables: document.update(mechanism="m.json"),
         ["m.json", "No such file"],
