@@ -38,6 +38,7 @@ def diagnose(
         from backend.mechanism.effect import kind_named
         from backend.mechanism.gap_report import GapReport
         from backend.mechanism.read import parse, read_study
+        from backend.mechanism.study_findings import study_findings
         from backend.report.gap_page import write_gap_page
         from backend.report.gap_summary import gap_evidence, gap_text
         from backend.report.linked import gap_pictures
@@ -64,9 +65,8 @@ def diagnose(
                 loaded, tolerance_m=tolerance_m, without=frozenset(kinds), progress=advance, cancelled=stopped,
                 kept=kept,
             )  # fmt: skip
-        if stopped():
-            said = found.report.model_copy(update={"warnings": [ENDED, *found.report.warnings]})
-            found = replace(found, report=said)
+        warnings = [*([ENDED] if stopped() else []), *study_findings(loaded), *found.report.warnings]
+        found = replace(found, report=found.report.model_copy(update={"warnings": warnings}))
         written = folder / "gap.json"
         written.write_text(found.report.model_dump_json(indent=1) + "\n", encoding="utf-8")
         evidence = gap_evidence(loaded, found)

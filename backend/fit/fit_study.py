@@ -38,6 +38,7 @@ from backend.fit.starts import scattered
 from backend.fit.unstated import Allowed, unstated, with_give
 from backend.mechanism.apart import set_apart
 from backend.mechanism.study import Study, driven_effects
+from backend.mechanism.study_findings import study_findings
 from backend.model.build import build
 from backend.model.model import Model
 
@@ -85,6 +86,7 @@ def fit_study(
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("A fit needs float64. Set JAX_ENABLE_X64=1 before JAX starts.")
     began = time.perf_counter()
+    findings = study_findings(study)
     driven = driven_effects(study)
     study = replace(study, mechanism=set_apart(study.mechanism, driven))
     freedom = free_parameters(study.mechanism, free, study.tolerances, recorded=driven)
@@ -165,6 +167,7 @@ def fit_study(
     intervals: dict[str, Profile] = {}
     complete = solution.status != "cancelled"
     warnings = [
+        *findings,
         *uncertainty.warnings,
         *allowed.sentences(),
         *told(study.mechanism, residuals.parameters),

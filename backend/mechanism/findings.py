@@ -32,7 +32,7 @@ def part_findings(mechanism: Mechanism, q: Mapping[str, float], size_m: float) -
         *(sentence for joint in mechanism.joints for sentence in _of_joint(joint, q, extent)),
         *_of_effects(mechanism, q, extent),
         *(sentence for body in mechanism.moving_bodies() for sentence in _of_body(mechanism, body, size_m)),
-        *_of_gravity(mechanism),
+        *gravity_findings(mechanism),
     ]
 
 
@@ -145,6 +145,7 @@ def _reach(mechanism: Mechanism, body: Body, inertial: Inertial) -> float:
     return max((math.dist(inertial.center_of_mass_m, point) for point in frames), default=0.0)
 
 
-def _of_gravity(mechanism: Mechanism) -> Iterator[str]:
+def gravity_findings(mechanism: Mechanism) -> Iterator[str]:
+    """A warning where gravity is that of no planet."""
     if (g := math.hypot(*mechanism.gravity_m_per_s2)) > STRONG_M_PER_S2:
         yield f"gravity_m_per_s2 is {g:.4g} m/s², {g / 9.80665:.3g} times the earth's; write it in m/s²"

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,9 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.diagnose.answer import answer
+from backend.mechanism.gap_report import GapReport
+from backend.mechanism.read import parse
+from tests.mechanisms import document, pendulum
 
 STUDY = Path(__file__).resolve().parents[2] / "pyproject.toml"  # any file that is no study
 
@@ -43,6 +47,30 @@ def test_bad_arguments_end_with_exit_code_2_and_say_which(arguments, words, tmp_
 
 def test_a_misspelt_kind_is_answered_with_those_that_exist():
     assert "coulomb_friction" in linktwin("diagnose", STUDY, "--without", "coulomb_frction").stderr
+
+
+@dataclass
+class Told:
+    report: GapReport
+
+
+def test_a_diagnosis_says_what_stands_out_in_its_study(tmp_path, monkeypatch):
+    heavy = document(pendulum()) | {"gravity_m_per_s2": [0.0, -9806.65, 0.0]}
+    (tmp_path / "mechanism.json").write_text(json.dumps(heavy))
+    (tmp_path / "q.csv").write_text("time_s,joint,q\n" + "".join(f"{t / 100},pin,0.1\n" for t in range(50)))
+    shot = {"id": "e1", "joint_positions": "q.csv", "release": {"time_s": 0.2}}
+    study = tmp_path / "study.json"
+    study.write_text(json.dumps({"schema_version": "1.0", "mechanism": "mechanism.json", "experiments": [shot]}))
+
+    found = Told(parse(GapReport, {"schema_version": "1.0", **never(study, frozenset())}, "gap.json"))
+    monkeypatch.setattr("backend.diagnose.run.diagnose_study", lambda *study, **options: found)
+    for name in ("gap_summary.gap_evidence", "linked.gap_pictures", "pictures.write_pictures"):
+        monkeypatch.setattr(f"backend.report.{name}", lambda *told: None)
+    monkeypatch.setattr("backend.report.gap_page.write_gap_page", lambda evidence, path: path)
+    done = linktwin("diagnose", study, "--out", tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.output
+    (said,) = json.loads((tmp_path / "out" / "gap.json").read_text())["warnings"]
+    assert "gravity_m_per_s2 is 9807 m/s²" in said
 
 
 def test_whoever_diagnoses_many_can_be_sent_to_other_processes():

@@ -1,6 +1,7 @@
 """Fits of a pendulum whose reality is SciPy's integrator, not ours."""
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -178,6 +179,15 @@ def test_the_derivative_of_every_residual_agrees_with_finite_differences(fitted)
         assert np.abs(slope - J[:, k]).max() < 1e-3 * np.abs(J[:, k]).max()
 
 
+def test_what_stands_out_in_the_study_is_said_first(study):
+    from backend.fit.fit_study import fit_study
+
+    rest, *others = study.experiments
+    slip = replace(rest, release=rest.release.model_copy(update={"window_s": 0.6}))
+    told = fit_study(replace(study, experiments=(slip, *others)), FREE, profiles=False, max_iterations=2).report
+    assert told.warnings[0].startswith("experiment 'rest': release.window_s is 0.6 s beside at_rest true")
+
+
 @pytest.fixture(scope="module")
 def by_gradients(study):
     from backend.fit.fit_study import fit_study
@@ -265,8 +275,6 @@ def test_a_fit_that_was_killed_goes_on_where_it_was(fitted, counted, left_alone,
 
 
 def test_a_checkpoint_serves_no_other_fit(study, tmp_path):
-    from dataclasses import replace
-
     from backend.fit.fit_study import fit_study
 
     kept = tmp_path / "fit.checkpoint.json"
@@ -296,8 +304,6 @@ def test_a_tolerance_holds_a_mass_that_the_swing_cannot_tell(fitted):
 
 
 def test_an_override_of_what_is_fitted_is_refused(study, drawing):
-    from dataclasses import replace
-
     from backend.fit.fit_study import fit_study
 
     known = {"viscous_friction@j1": {"damping_n_m_s_per_rad": 0.1}}
@@ -307,8 +313,6 @@ def test_an_override_of_what_is_fitted_is_refused(study, drawing):
 
 
 def test_a_fit_of_nothing_is_refused(study):
-    from dataclasses import replace
-
     from backend.fit.fit_study import fit_study
 
     with pytest.raises(ValueError, match="Nothing is free to fit"):

@@ -1,0 +1,123 @@
+"""What stands out in a study that can be read: releases, windows, drives and tolerances that are likely slips, and
+numbers that are another unit's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from backend.mechanism.effect import kind_named
+from backend.mechanism.findings import gravity_findings
+from backend.mechanism.joint import WITHOUT_COORDINATE
+from backend.mechanism.kinds import EffectKind
+from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.study import Experiment, Study, Tolerance
+from backend.mechanism.turns import TURN
+
+MANY_TURNS = 2.0  # to and fro: what swings so far in degrees does in an angle of seven
+FEW_ROWS = 10  # below which a record is a list of what was switched, not sampled
+GAP = 3.0  # intervals that a record may begin or end away from what it belongs to
+
+
+def study_findings(study: Study) -> list[str]:
+    """Warnings that each name a part, its number and the remedy."""
+    return [
+        *gravity_findings(study.mechanism),
+        *(sentence for index, t in enumerate(study.tolerances, start=1) for sentence in _of_tolerance(index, t)),
+        *(
+            f"experiment '{experiment.id}': {sentence}"
+            for experiment in study.experiments
+            for sentence in _of_experiment(experiment, study.mechanism)
+        ),
+    ]
+
+
+def _of_tolerance(index: int, tolerance: Tolerance) -> Iterator[str]:
+    kind = kind_named(tolerance.kind)
+    if kind.name.endswith("_error") or kind.acts_on in ("world", "camera", "marker"):
+        return
+    on = tolerance.on if isinstance(tolerance.on, str) else ", ".join(tolerance.on)
+    yield (
+        f'tolerance {index} ("{kind.name}" on {on}) is a law of what acts, no error of the drawing: its sd '
+        f"{tolerance.sd:g} is not relative, but in the unit of each of its numbers ({_numbers_of(kind)}). To find "
+        f"what acts, free it (--free {kind.name}:{on.replace(', ', '+')}) and leave the tolerance out"
+    )
+
+
+def _numbers_of(kind: EffectKind, shown: int = 3) -> str:
+    freed = [f"{spec.name} in {spec.unit}" for spec in kind.parameters.values() if not spec.by_name]
+    return ", ".join(freed[:shown]) + (", ..." if len(freed) > shown else "")
+
+
+def _of_experiment(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
+    tables = [t for t in (experiment.tracks, experiment.joint_positions, experiment.joint_efforts) if t is not None]
+    if not tables:
+        return
+    times = np.unique(np.concatenate([table["time_s"].to_numpy(float) for table in tables]))
+    yield from _of_release(experiment, times)
+    yield from _of_drives(experiment, float(times[-1]))
+    yield from _of_angles(experiment, mechanism)
+
+
+def _of_release(experiment: Experiment, times: np.ndarray) -> Iterator[str]:
+    release, first, last = experiment.release, float(times[0]), float(times[-1])
+    interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
+    if release.time_s < first and (release.time_s < 0.0 or first - release.time_s > GAP * interval):
+        yield (
+            f"release.time_s is {release.time_s:g} s, {first - release.time_s:.3g} s before its first sample at "
+            f"{first:g} s: nothing shows how it stood or moved until then. Check sign and clock"
+        )
+    if not release.at_rest and release.time_s + release.window_s > last:
+        yield (
+            f"release.window_s is {release.window_s:g} s, but its last sample comes {last - release.time_s:.3g} s "
+            "after the release: the whole record says where it starts, and of a held-out one nothing is left to be "
+            "foretold. Shorten the window"
+        )
+    if release.at_rest and release.states_a_window:
+        yield (
+            f"release.window_s is {release.window_s:g} s beside at_rest true, where the static frames alone say how it "
+            'starts. Leave it out, or write "at_rest": false if it starts in motion'
+        )
+
+
+def _of_drives(experiment: Experiment, last: float) -> Iterator[str]:
+    if experiment.inputs is None:
+        return
+    release = experiment.release.time_s
+    for (effect, parameter), rows in experiment.inputs.groupby(["effect", "parameter"], sort=False):  # type: ignore[misc]
+        times, values = rows["time_s"].to_numpy(float), rows["value"].to_numpy(float)
+        gaps = np.diff(times)
+        interval = float(np.median(gaps)) if gaps.size else 0.0
+        where = f'the record of effect "{effect}" {parameter}'
+        sampled = times.size >= FEW_ROWS and float(np.quantile(gaps, 0.9)) < 2.0 * interval
+        if times[0] - release > (GAP * interval if sampled else 0.0):
+            yield (
+                f"{where} begins at {times[0]:g} s, {times[0] - release:.3g} s after the release at {release:g} s: "
+                f"until then its first value, {values[0]:g}, is taken to hold. Record it from the release on, or check "
+                "the clock"
+            )
+        # What rests where it ends, or is a list of switchings, may well stay there.
+        if sampled and values[-1] != values[-2] and last - times[-1] > GAP * interval:
+            yield (
+                f"{where} ends at {times[-1]:g} s, {last - times[-1]:.3g} s before the last sample at {last:g} s: from "
+                f"then on its last value, {values[-1]:g}, is taken to hold. Record it to the end, or cut the tables "
+                "there"
+            )
+
+
+def _of_angles(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
+    """Joints that swing through turns and back. A rotor turns on, and a wild sample is no swing."""
+    if experiment.joint_positions is None:
+        return
+    for id, rows in experiment.joint_positions.groupby("joint", sort=False):
+        q = rows["q"].dropna().to_numpy(float)
+        if q.size < FEW_ROWS or mechanism.joint(str(id)).type in ("prismatic", *WITHOUT_COORDINATE):
+            continue
+        q = np.median(np.lib.stride_tricks.sliding_window_view(q, 3), axis=1)
+        back, forth = np.max(np.maximum.accumulate(q) - q), np.max(q - np.minimum.accumulate(q))
+        if (swing := float(min(back, forth))) > MANY_TURNS * TURN:
+            yield (
+                f'joint "{id}" turns by {swing:.4g} rad and back, {swing / TURN:.2g} turns; q is in rad: multiply '
+                "degrees by 0.0174533"
+            )

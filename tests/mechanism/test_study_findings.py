@@ -1,0 +1,106 @@
+"""Studies that can be read, and hold what is likely a slip: said with part, number and remedy."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from backend.mechanism.study import Experiment, Release, Study, Tolerance
+from backend.mechanism.study_findings import study_findings
+from tests.mechanisms import bead_on_bar, effect, pendulum
+
+TIME = np.arange(200) / 100
+
+
+def encoder(q=None, joint="pin"):
+    """A swing of half a radian, unless told otherwise."""
+    q = 0.5 * np.cos(7 * TIME) if q is None else q
+    return pd.DataFrame({"time_s": TIME, "joint": joint, "q": q, "sigma": np.nan})
+
+
+def drive(times, values):
+    return pd.DataFrame({"time_s": times, "effect": "motor", "parameter": "torque_n_m", "value": values})
+
+
+def findings(release=None, tolerances=(), mechanism=None, **tables):
+    drawn = mechanism or pendulum(effects=[effect("motor", "effort_offset", ["pin"])])
+    tables = tables or {"joint_positions": encoder()}
+    shot = Experiment("e1", "fit", release or Release(time_s=0.5), **tables)
+    return study_findings(Study(drawn, (shot,), tolerances))
+
+
+def the_one(sentences, *terms):
+    (said,) = sentences
+    for term in terms:
+        assert term in said
+
+
+@pytest.mark.parametrize(
+    "release",
+    [Release(time_s=0.5), Release(time_s=0.0, at_rest=False), Release(time_s=-0.02), Release(time_s=0.5, window_s=0.3)],
+)
+def test_nothing_stands_out_in_a_sound_study(release):
+    shifted = encoder().assign(time_s=TIME - (0.02 if release.time_s < 0 else 0.0))
+    narrow = [Tolerance(kind="mass_error", on="all", sd=0.02), Tolerance(kind="camera_scale", on=("camera",), sd=0.01)]
+    assert findings(release, narrow, joint_positions=shifted) == []
+
+
+def test_gravity_in_millimetres_stands_out():
+    heavy = pendulum().model_copy(update={"gravity_m_per_s2": (0.0, -9806.65, 0.0)})
+    the_one(findings(mechanism=heavy), "gravity_m_per_s2 is 9807", "write it in m/s²")
+
+
+def test_a_release_long_before_the_first_sample_stands_out():
+    the_one(findings(Release(time_s=-1.0)), "'e1': release.time_s is -1 s, 1 s before its first sample at 0 s", "clock")
+    late = encoder().assign(time_s=TIME + 0.3)
+    the_one(findings(Release(time_s=0.1), joint_positions=late), "0.2 s before its first sample at 0.3 s")
+
+
+def test_a_window_longer_than_the_record_stands_out():
+    the_one(findings(Release(time_s=0.5, at_rest=False, window_s=9.0)), "window_s is 9 s", "1.49 s after", "Shorten")
+
+
+def test_a_window_beside_rest_stands_out():
+    the_one(findings(Release(time_s=0.5, window_s=0.6)), "window_s is 0.6 s beside at_rest true", '"at_rest": false')
+
+
+def test_a_swing_of_degrees_stands_out_and_a_rotor_does_not():
+    degrees = np.degrees(encoder()["q"])
+    the_one(findings(joint_positions=encoder(degrees)), 'joint "pin" turns by 57', "turns; q is in rad", "0.0174533")
+    assert findings(joint_positions=encoder(40.0 * TIME)) == []
+
+
+def test_one_wild_sample_is_no_swing_and_a_slide_has_no_turns():
+    struck = encoder()
+    struck.loc[70, "q"] = 500.0
+    assert findings(joint_positions=struck) == []
+    slid = encoder(50.0 * np.cos(7 * TIME), joint="rail")
+    assert findings(mechanism=bead_on_bar(), joint_positions=slid) == []
+
+
+def test_a_drive_that_begins_after_the_release_stands_out():
+    record = drive(TIME[80:], np.sin(TIME[80:]))
+    said = findings(joint_positions=encoder(), inputs=record)
+    the_one(said, 'effect "motor" torque_n_m begins at 0.8 s, 0.3 s after the release', "0.717", "Record it from")
+    switched = findings(joint_positions=encoder(), inputs=drive([0.6, 0.9], [1.0, 0.0]))
+    the_one(switched, "begins at 0.6 s, 0.1 s after the release")
+
+
+def test_a_sampled_drive_that_breaks_off_stands_out():
+    said = findings(joint_positions=encoder(), inputs=drive(TIME[:100], np.sin(TIME[:100])))
+    the_one(
+        said, 'effect "motor" torque_n_m ends at 0.99 s, 1 s before the last sample at 1.99 s', "Record it to the end"
+    )
+
+
+@pytest.mark.parametrize(
+    ("times", "values"),
+    [([0.0, 0.6, 0.9], [0.0, 1.0, 0.5]), (TIME[:100], np.minimum(TIME[:100], 0.7)), (TIME, np.sin(TIME))],
+)
+def test_a_list_of_switchings_and_a_drive_at_rest_may_end_early(times, values):
+    assert findings(joint_positions=encoder(), inputs=drive(times, values)) == []
+
+
+def test_a_tolerance_of_a_law_stands_out():
+    loose = [Tolerance(kind="viscous_friction", on=("pin",), sd=0.01)]
+    said = findings(tolerances=loose)
+    the_one(said, 'tolerance 1 ("viscous_friction" on pin)', "sd 0.01", "N m s/rad", "--free viscous_friction:pin")
