@@ -18,11 +18,10 @@ from backend.diagnose.which import APART
 NONE, ONE, UNKNOWN, SEVERAL = 0.3, 0.5, 0.2, 0.1
 """Belief before any data in: nothing, one effect of the library, something that is not in it, several at once."""
 ODDS = float(np.log(20.0))
-IMITATED = (0.2, 0.4)
+IMITATED = (0.12, 0.4)
 """Chance that a member of a set only helps the others do what one thing outside the library does: where it acts apart
-from them, and where it acts on the same part. Of sealed and development studies answered with a pair of more than 0.8,
-before this was weighed, all four whose members act on one part did so, and one of seven whose members act apart; of
-two more on one part, answered since, neither.
+from them, and where it acts on the same part. Of sealed and development studies with a clear gap answered by a pair
+that fits, two of twenty-two whose members act apart did so, and seven of thirteen whose members act on one part.
 """
 FAR = 8.0  # of a size's sd before any data
 OUTSIZED = 0.5

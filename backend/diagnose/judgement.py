@@ -36,7 +36,7 @@ CLEAR = 1e-4  # p below which a gap is there whatever was believed before
 CLOSE = 8  # explanations that held-out experiments are asked about
 MOST_OF_IT = 0.9  # of the held-out gap: what a form that is a little wrong has to remove
 OF_MANY = 0.99  # the same of three effects and more none of which does that alone: they imitate nine tenths of anything
-NEARLY_ALL = 0.999  # of the held-out gap: a law that removes so much keeps its name, though its form is not the last
+NEARLY_ALL = 0.999  # of the held-out gap: a cause that removes so much keeps its name, though its form is not the last
 ON_THE_WAY = 2  # smaller sets about whose motion laws of unknown form are weighed, too
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that nearly fits is not named
 LIKELIER = 0.5  # the same of one that fits
@@ -112,10 +112,16 @@ class Judgement:
 
     def _of_many(self, best: Cause) -> bool:
         """Whether three effects and more are needed, none of which explains most of the gap alone."""
+        return len(best.candidates) > SURE and not self._led(best)
+
+    def _led(self, best: Cause) -> bool:
+        """Whether one effect alone explains most of the fitted gap: what two or more do together only, as a viscous
+        friction with an offset does what a one-way damper does, may be the work of one that the library lacks.
+        """
         alone = (self.search.tried.get((c.name,)) for c in best.candidates)
         whole = [c.fitted for c in alone if c is not None and c.fitted.fraction == 1.0]
         shares = (fitted_share(self.subject, self.drawn.cause.fitted, fitted, self.scale) for fitted in whole)
-        return len(best.candidates) > SURE and max(shares, default=0.0) < MOST_OF_IT
+        return len(best.candidates) < 2 or max(shares, default=0.0) >= MOST_OF_IT
 
     def _tolerated(self, shrunk: Shrinkage) -> bool:
         """What is left on held-out experiments is smaller than the user minds."""
@@ -131,7 +137,7 @@ class Judgement:
         causes = [c for c in self.search.tried.values() if c.candidates and c.fitted.fraction == best.fitted.fraction]
         law, model_free = self._unknown(best, exact, wide)
         belief = self._belief(best, causes, exact, soft, model_free)
-        verdict = _weighed(verdict, exact, enough, belief, shrunk)
+        verdict = _weighed(verdict, exact, enough, belief, shrunk, self._led(best))
         free = shares(model_free)
         if law is not None and verdict != "none" and belief.unknown > DOUBTED:
             free = whereabouts(law, model_free, self.scale)
@@ -213,10 +219,12 @@ def held_out(cause: Cause, scale: float, tell: Callable[[str], None]) -> tuple[T
     return tuple(held_out_tests(cause.fitted, scale))
 
 
-def _weighed(verdict: Verdict, exact: bool, enough: bool, belief: Belief, shrunk: Shrinkage | None) -> Verdict:
-    """A verdict after what is unknown and other causes were weighed beside the best."""
+def _weighed(
+    verdict: Verdict, exact: bool, enough: bool, belief: Belief, shrunk: Shrinkage | None, led: bool
+) -> Verdict:
+    """A verdict after what is unknown and other causes were weighed beside the best. led: by one of its members."""
     explained = None if shrunk is None else shrunk.explained
-    nearly_all = explained is not None and explained > NEARLY_ALL
+    nearly_all = explained is not None and explained > NEARLY_ALL and led
     doubtful = verdict == "identified" or (verdict == "approximate" and not nearly_all)
     if belief.unknown > DOUBT and verdict == "identified" and not enough:
         # The form is a little wrong, so that laws of any form follow what is left better.

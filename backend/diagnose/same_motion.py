@@ -37,11 +37,14 @@ def complete(search: Search, cause: Cause, scale: float) -> list[Cause]:
         free = [c for c in every if not any(c.overlaps(kept) for kept in rest)]
         about = beyond(cause.fitted, given).rescaled(scale)
         sets = list(about.sets(free, size))
+        alone = {member.name: gain for (member,), gain, _ in about.sets(free, 1)} if size > 1 else {}
         own = next((gain for members, gain, _ in sets if set(members) == set(given)), np.inf)
         for members, gain, values in sets:
             names = tuple(sorted(c.name for c in (*rest, *members)))
-            if gain > own - APART and _untried_or_astray(search, names, cause, scale):
-                worth = gain + 2.0 * sum(c.log_odds for c in members)
+            # Beside one that does it alone anything does: what would be another's place among those that are refitted.
+            idle = max((alone.get(c.name, 0.0) for c in members), default=0.0) > gain - APART
+            if gain > own - APART and not idle and _untried_or_astray(search, names, cause, scale):
+                worth = gain - own + 2.0 * (sum(c.log_odds for c in members) - sum(c.log_odds for c in given))
                 choice = search.subject.choose(*rest, *members)
                 found.append((worth, choice, begun_alike(cause.fitted, choice, about, given, members, values)))
     made, most = [], STRIKING if strikes(cause.candidates) else ALIASES

@@ -39,9 +39,9 @@ def switching(
     found = []
     for candidate in search.subject.library.candidates:
         if candidate.family == family and not search.cancelled() and len(others) == len(names):
-            cost, values = promising(search.subject, candidate, motion, others, known)
+            cost, values, begun = promising(search.subject, candidate, motion, others, known)
             if values:
-                found.append((cost, known | values, candidate))
+                found.append((cost, known | values, begun))
     if family == LOAD:
         found = [_shortly(search, values, candidate, others) for _, values, candidate in found]
     made, behind = [], []

@@ -1,0 +1,35 @@
+"""What a verdict becomes once a law of unknown form is likelier than what is named, and how probable that is told."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from backend.diagnose import verdict
+from backend.diagnose.belief import Belief
+from backend.diagnose.judgement import NEARLY_ALL, _weighed
+
+
+def believed(unknown: float) -> Any:
+    return SimpleNamespace(unknown=unknown, none=0.0, probability=np.array([1.0 - unknown]), reported=[0])
+
+
+@pytest.mark.parametrize(
+    ("explained", "unknown", "led", "said"),
+    [
+        (0.97, 0.99, True, "unknown"),
+        (1.0 - 0.1 * (1.0 - NEARLY_ALL), 0.99, True, "approximate"),
+        (1.0 - 0.1 * (1.0 - NEARLY_ALL), 0.99, False, "unknown"),
+        (1.0 - 0.1 * (1.0 - NEARLY_ALL), 0.80, False, "approximate"),
+    ],
+)
+def test_a_form_that_explains_nearly_all_keeps_its_name_where_one_effect_leads(explained, unknown, led, said):
+    shrunk: Any = SimpleNamespace(explained=explained)
+    assert _weighed("approximate", False, False, believed(unknown), shrunk, led) == said
+
+
+@pytest.mark.parametrize(("unknown", "told"), [(0.0, 0.3), (0.4, 0.4), (0.99, 0.5)])
+def test_something_is_missing_beside_a_form_that_is_nearly_right(unknown, told):
+    belief = Belief((), np.zeros(0), np.zeros(0), 0.0, unknown)
+    assert verdict._chances("approximate", False, belief)[1] == pytest.approx(told)
