@@ -63,7 +63,7 @@ def make_report(
     """Everything that was found, in the words of the file format. enough: whether the best cause leaves noise alone.
     tried: all sets that were fitted, by their names.
     """
-    none, unknown, chances = _chances(verdict, enough, belief)
+    none, unknown, chances = _chances(verdict, enough, belief, shrunk)
     reported = set(belief.reported)
     listed = belief.causes[: max([MOST_CAUSES, *(i + 1 for i in reported)])]
     left = 1.0 - none - unknown
@@ -117,13 +117,15 @@ def make_report(
 MOST = 0.5  # of a gap: a member of a set that alone explains so much is said to
 ALMOST_ALL = 0.999  # of a gap: what comes after is not told
 APPROXIMATE_UNKNOWN = (0.3, 0.5)
-"""What is missing besides a form that removes most of the gap. Of fifteen sets that sealed studies of a clear gap were
+"""What is missing besides a form that removes most of the gap; the less, if it removes almost all. Of fifteen sets that sealed studies of a clear gap were
 answered so with, three were what was amiss, and in nine it was nothing that the library had.
 """
 AT_LEAST_UNKNOWN = 0.9
 
 
-def _chances(verdict: Verdict, enough: bool, belief: Belief) -> tuple[float, float, np.ndarray]:
+def _chances(
+    verdict: Verdict, enough: bool, belief: Belief, shrunk: Shrinkage | None
+) -> tuple[float, float, np.ndarray]:
     """Probability of none, of unknown, and shares of the causes."""
     if verdict == "none":
         none = max(belief.none, 0.5)
@@ -131,7 +133,9 @@ def _chances(verdict: Verdict, enough: bool, belief: Belief) -> tuple[float, flo
     if verdict == "unknown":
         return 0.0, belief.unknown if enough else max(belief.unknown, AT_LEAST_UNKNOWN), belief.probability
     if verdict == "approximate":
-        return 0.0, float(np.clip(belief.unknown, *APPROXIMATE_UNKNOWN)), belief.probability
+        least, most = APPROXIMATE_UNKNOWN
+        nearly_all = shrunk is not None and shrunk.explained is not None and shrunk.explained > ALMOST_ALL
+        return 0.0, float(np.clip(belief.unknown, least, least if nearly_all else most)), belief.probability
     return min(belief.none, 0.5), max(belief.unknown, 0.005), belief.probability
 
 
