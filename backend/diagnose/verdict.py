@@ -117,8 +117,9 @@ def make_report(
 MOST = 0.5  # of a gap: a member of a set that alone explains so much is said to
 ALMOST_ALL = 0.999  # of a gap: what comes after is not told
 APPROXIMATE_UNKNOWN = (0.3, 0.5)
-"""What is missing besides a form that removes most of the gap; the less, if it removes almost all. Of fifteen sets that sealed studies of a clear gap were
-answered so with, three were what was amiss, and in nine it was nothing that the library had.
+"""What is missing besides a form that removes most of the gap: the less of one that removes almost all. Of fifteen sets
+that sealed studies of a clear gap were answered so with, three were what was amiss, and in nine it was nothing that the
+library had.
 """
 AT_LEAST_UNKNOWN = 0.9
 
