@@ -25,6 +25,9 @@ UNSETTLED = 5.0  # sd of noise
 COARSE = 0.02  # of what is left: once a step gains less, a fit is seen through unless it is far behind another
 BEHIND = 4.0  # times what another leaves: so far behind it
 REFUSALS = 5  # in a row: where friction sticks, a slope promises what no step brings
+RUBBED = 6  # iterations at most where walls rub: each costs as many motions as there are numbers, twice
+ACROSS = 0.05  # of a number's sd before any data, each way
+ACROSS_START = 3e-4  # rad or mechanism lengths; ten times as much of a rate
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,7 @@ def fit(
     ahead: sum of squares that another fit leaves of as much; one that stays far behind it ends early.
     """
     x = start_of(subject, choice) if start is None else start
+    max_iterations = min(max_iterations, RUBBED) if choice.rubs else max_iterations
     for fraction in fractions:
         made = _fit(subject, choice, x, fraction, max_iterations, cancelled, ahead)
         x = made.x
@@ -172,9 +176,13 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead)
     weight = np.eye(few, x.size) / choice.prior_sd[:, None]
     last: dict[str, np.ndarray] = {}
 
+    def residual(x: np.ndarray):
+        return np.concatenate([-seer.left(x), (x[:few] - begin) / choice.prior_sd]) if choice.rubs else linearise(x)[0]
+
     def linearise(x: np.ndarray):
         if last.get("x") is None or not np.array_equal(last["x"], x):
             r, J = seer(x)
+            J = seer.across(x, J, choice.prior_sd, lower, upper) if choice.rubs else J
             last.update(
                 x=x.copy(),
                 r=np.concatenate([-r, (x[:few] - begin) / choice.prior_sd]),
@@ -188,7 +196,7 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead)
     key = subject.kept.asked(name_of(what, numbers))
     known = subject.kept.end_of(key)
     if known is None:
-        problem = LeastSquares(names, lambda x: linearise(x)[0], linearise, lower, upper, scale, seer.count)
+        problem = LeastSquares(names, residual, linearise, lower, upper, scale, seer.count)
 
         def solved(x: np.ndarray, iterations: int, ftol: float) -> Solution:
             return solve(problem, x, max_iterations=iterations, ftol=ftol, refusals=REFUSALS, cancelled=cancelled)
@@ -235,8 +243,7 @@ class Seer:
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(r, J)."""
-        few = 0 if self.probes[0].ties is None else self.probes[0].ties.shape[1]
-        ends = few + np.cumsum([0, *[p.unknowns for p in self.probes]])
+        few, ends = self._ends(x)
         r, J = np.zeros(self.count), np.zeros((self.count, x.size))
 
         def one(i: int) -> None:
@@ -249,10 +256,50 @@ class Seer:
         self.subject.over(one, range(len(self.probes)))
         return r, J
 
+    def left(self, x: np.ndarray) -> Float[np.ndarray, " n"]:
+        """r alone."""
+        few, ends = self._ends(x)
+        r = np.zeros(self.count)
+
+        def one(i: int) -> None:
+            p = self.probes[i]
+            r[self.rows[i]] = self.white[i](p.data.value - p.seen(x[:few], x[ends[i] : ends[i + 1]]))
+
+        self.subject.over(one, range(len(self.probes)))
+        return r
+
+    def across(self, x: np.ndarray, J: np.ndarray, sd: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Slopes by differences: where walls rub, pins stick and slip within a step, and exact slopes say how that step
+        reacts; through a record of them they grow past all bounds.
+
+        sd: of the choice's parameters before any data. J: exact ones, which stay where a motion is lost.
+        """
+        few, ends = self._ends(x)
+        made = J.copy()
+        ways = [([k], float(ACROSS * sd[k]), list(range(len(self.probes)))) for k in range(few)]
+        for c in range(max(p.unknowns for p in self.probes)):
+            runs = [i for i, p in enumerate(self.probes) if p.unknowns > c]
+            far = ACROSS_START * (10.0 if c >= self.probes[runs[0]].mobility else 1.0)
+            ways.append(([ends[i] + c for i in runs], far, runs))
+        for columns, far, runs in ways:
+            below, above = x.copy(), x.copy()
+            below[columns] = np.maximum(x[columns] - far, lower[columns])
+            above[columns] = np.minimum(x[columns] + far, upper[columns])
+            change = self.left(below) - self.left(above)
+            for n, i in enumerate(runs):
+                column = columns[min(n, len(columns) - 1)]
+                slope = change[self.rows[i]] / (above[column] - below[column])
+                made[self.rows[i], column] = np.where(np.isfinite(slope), slope, J[self.rows[i], column])
+        return made
+
+    def _ends(self, x: np.ndarray) -> tuple[int, np.ndarray]:
+        """Number of shared numbers, and where each run's own begin."""
+        few = 0 if self.probes[0].ties is None else self.probes[0].ties.shape[1]
+        return few, few + np.cumsum([0, *[p.unknowns for p in self.probes]])
+
     def miss(self, x: np.ndarray) -> float:
         """Rms of what the prediction misses, in radians or mechanism lengths; what joints carry is no place."""
-        few = 0 if self.probes[0].ties is None else self.probes[0].ties.shape[1]
-        ends = few + np.cumsum([0, *[p.unknowns for p in self.probes]])
+        few, ends = self._ends(x)
         length, squares, count = float(self.subject.model.scale.length_m), 0.0, 0
         for i, (p, white) in enumerate(zip(self.probes, self.white, strict=True)):
             seen, _ = p.predict(x[:few], x[ends[i] : ends[i + 1]])

@@ -36,6 +36,7 @@ from backend.mechanism.study import Tolerance
 from backend.model.build import build
 from backend.model.model import ParameterRow
 
+RUBBING = "friction_coefficient"  # of walls
 SWITCHING = (AbstractJointClearance, AbstractJointStop, AbstractSection)  # nothing to first order while absent
 DECLARED_ONLY = (AbstractLinkContact,)  # their geometry must be drawn
 SMOOTH, LOAD = "smooth", "load"

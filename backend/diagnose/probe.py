@@ -99,6 +99,11 @@ class Probe(Run):
         self._last = x, made
         return made
 
+    def seen(self, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, " samples"]:
+        """Predicted samples alone."""
+        x = self._x(values, own)
+        return self.along(x, np.zeros((0, x.size)))[0]
+
     def slopes(self, values: np.ndarray, own: np.ndarray, directions: Float[np.ndarray, "k all"]) -> np.ndarray:
         """(samples, k): derivative along directions in the library's parameters."""
         x = self._x(values, own)

@@ -16,7 +16,7 @@ from backend.diagnose.bumps import bumps
 from backend.diagnose.calibration import Misplaced, cameras_of, with_cameras
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.kept import Kept
-from backend.diagnose.library import PLAYS, Library
+from backend.diagnose.library import PLAYS, RUBBING, Library
 from backend.diagnose.noise import Noise, estimate
 from backend.diagnose.probe import Probe, with_drives
 from backend.diagnose.settled import lying
@@ -67,6 +67,11 @@ class Choice:
     def loose(self) -> tuple[str, ...]:
         """Joints whose pins are loose by one of the candidates."""
         return tuple(dict.fromkeys(on for c in self.candidates if c.kind in PLAYS for on in c.on))
+
+    @property
+    def rubs(self) -> bool:
+        """Whether loose pins rub by a coefficient that is sought."""
+        return any(c.kind in PLAYS and p.parameter == RUBBING for c in self.candidates for p in c.parameters)
 
     @property
     def name(self) -> str:

@@ -13,15 +13,15 @@ import numpy as np
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.fitted import Fitted, Seer, start_of
+from backend.diagnose.library import PLAYS, RUBBING
 from backend.diagnose.subject import Subject
 from backend.effects.catalogue import catalogue
 from backend.effects.shapes import AbstractJointStop
 
 SHARES = (0.25, 0.55, 0.85)  # of the way from the starts to the end of what a joint passes
 LITTLE = 0.02  # rad or mechanism lengths: an end within so short a way is not looked for
-FACTORS = (0.2, 0.6, 1.8)  # of the expected size
-RUBBING = "friction_coefficient"  # of walls
-RUBS = 0.6  # of its sd before any data, where nobody states it: a coefficient of 0.15
+FACTORS = (0.12, 0.25, 0.5, 1.0, 2.0)  # of the expected size
+RUBS = 0.4  # of its sd before any data, where nobody states it: a coefficient of 0.1
 TELLS = 0.9  # of the misfit: walls that rub leave at most this share of what smooth ones leave, or are not begun with
 EARLY = 0.5  # of the records: later, what switched on at another moment has long gone its own way
 
@@ -66,7 +66,7 @@ def promising(
     known: Mapping[str, float] | None = None,
 ) -> tuple[float, dict[str, float], Candidate]:
     """Least sum of squares over the first half of the records, the opening that has it, and of what: the candidate, or
-    the same with walls that rub, which a play that is seen at every turn is told from by the turns alone.
+    the same with walls that rub and pins that lie anywhere in their holes before the release, as pins that rub do.
 
     Every experiment starts from its own static frames. beside: other candidates, at the values `known` by name.
     """
@@ -79,15 +79,15 @@ def promising(
         friction = rough.parameters[-1]
         values = values | {friction.name: friction.start + RUBS * float(friction.prior_sd or 0.0)}
         if (rubbed := _early(subject, (*beside, rough), {**(known or {}), **values})) < TELLS * cost:
-            return rubbed, values, rough
+            return rubbed, values, rough.settling(values[rough.parameters[0].name])
     return best
 
 
 def rubbing(candidate: Candidate) -> Candidate | None:
-    """The same with walls that rub, as hard as they are drawn; None where nothing strikes or friction is stated."""
+    """The same play with walls that rub, as hard as drawn; None where nothing is loose or friction is stated."""
     own, way = len(candidate.parameters), next(iter(candidate.closer), candidate)
     names = [p.parameter for p in way.parameters]
-    if RUBBING not in names[own:]:
+    if candidate.kind not in PLAYS or RUBBING not in names[own:]:
         return None
     return replace(way.only([i < own or name == RUBBING for i, name in enumerate(names)]), closer=candidate.closer)
 
