@@ -17,6 +17,7 @@ from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
 from backend.diagnose.fitted import BEHIND, Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.noise_learnt import remember, set_aside
+from backend.diagnose.noise_untold import size_up
 from backend.diagnose.screen import EARLY, Screen, containing, screen, tuned
 from backend.diagnose.step_error import orderly, step_errors
 from backend.diagnose.subject import Choice, Subject
@@ -78,7 +79,7 @@ class Search:
         self.known = responses(self.subject, made, raw)
         if made.fraction == 1.0:
             # Wild samples hide the noise's memory; with that bettered, others may stand out.
-            for learn in (set_aside, remember, set_aside):
+            for learn in (set_aside, size_up, remember, set_aside):
                 if learn(made, self.known):
                     made = fit(self.subject, made.choice, start=made.x)
                     self.known = responses(self.subject, made, raw)

@@ -34,5 +34,6 @@ def test_a_form_that_explains_nearly_all_keeps_its_name_where_one_effect_leads(e
     [(0.0, 0.95, 0.3), (0.4, 0.95, 0.4), (0.99, 0.95, 0.5), (0.99, 0.9999, 0.3), (0.99, None, 0.5)],
 )
 def test_something_is_missing_beside_a_form_that_is_nearly_right(unknown, explained, told):
-    belief, shrunk = Belief((), np.zeros(0), np.zeros(0), 0.0, unknown), SimpleNamespace(explained=explained)
+    belief = Belief((), np.zeros(0), np.zeros(0), 0.0, unknown)
+    shrunk: Any = SimpleNamespace(explained=explained)
     assert verdict._chances("approximate", False, belief, shrunk)[1] == pytest.approx(told)
