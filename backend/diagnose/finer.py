@@ -95,7 +95,7 @@ def _driven(
 ) -> Float[np.ndarray, "samples drives bumps"]:
     """What the motion of one experiment does, as many bumps at once as its program has room for."""
     probe = fitted.rough[i]
-    room, values, own = probe.bumps.shape[1], fitted.values, fitted.own(i)
+    room, values, own = probe.bumps.shape[1], fitted.gliding, fitted.own(i)
     parts = range(0, shapes.shape[1], room)
     return np.nan_to_num(
         np.concatenate([probe.drive_slopes(values, own, drives, shapes[:, k : k + room]) for k in parts], 2)

@@ -14,6 +14,7 @@ from scipy.stats import norm
 
 from backend.diagnose.independent import independent_of
 from backend.diagnose.kept import name_of
+from backend.diagnose.library import RUBBING
 from backend.diagnose.probe import Probe
 from backend.diagnose.subject import Choice, Subject
 from backend.fit.solve import LeastSquares, Solution, solve
@@ -74,6 +75,12 @@ class Fitted:
     def values(self) -> np.ndarray:
         """Of the choice's parameters."""
         return self.x[: self.count]
+
+    @property
+    def gliding(self) -> np.ndarray:
+        """The same with loose pins that do not rub: exact slopes about such a motion stay bounded."""
+        rubs = np.array([p.parameter == RUBBING for p in self.choice.parameters], bool) & self.choice.rubs
+        return np.where(rubs, 0.0, self.values)
 
     def own(self, run: int) -> np.ndarray:
         """The start of one run."""

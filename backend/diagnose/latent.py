@@ -63,7 +63,7 @@ def forces(subject: Subject, fitted: Fitted, within: float = ALIKE) -> list[Floa
     joints = range(first, -len(subject.axes))
 
     def one(i: int) -> np.ndarray:
-        return np.nan_to_num(fitted.rough[i].drive_slopes(fitted.values, fitted.own(i), joints))
+        return np.nan_to_num(fitted.rough[i].drive_slopes(fitted.gliding, fitted.own(i), joints))
 
     return subject.alike("forces", fitted.r, lambda: subject.over(one, range(len(fitted.rough))), within)
 

@@ -20,8 +20,8 @@ from backend.diagnose.noise_learnt import CALM, MANY
 from backend.diagnose.subject import Subject
 
 FADES = (0.2, 0.85)  # how much of a tracker's error may be left in the next sample
-LAGS = (2, 3, 4)  # samples over which correlation has to be what that over one foretells
-AS_ONE = 0.1  # to within this
+LAGS = (2, 3)  # samples over which correlation has to be what that over one foretells
+AS_ONE = 0.12  # to within this: smooth forces and shifts take the slowest of the noise with them
 
 
 def size_up(fitted: Fitted, latent: Latent) -> bool:

@@ -127,7 +127,10 @@ class Screen:
             members, at = [candidates[i] for i in some], np.concatenate([spans[i] for i in some])
             if any(one.overlaps(other) for one, other in combinations(members, 2)):
                 continue
-            step = np.linalg.solve(H[np.ix_(at, at)], b[at])
+            try:
+                step = np.linalg.solve(H[np.ix_(at, at)], b[at])
+            except np.linalg.LinAlgError:  # slopes that grew past all bounds, as through blows
+                continue
             steps = np.split(step, np.cumsum([spans[i].size for i in some])[:-1])
             if all(c.allows(own) for c, own in zip(members, steps, strict=True)):
                 values: dict[str, float] = {}
@@ -219,7 +222,7 @@ def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
 
         def one(i: int) -> np.ndarray:
             probe = subject.rough[i].choose(fitted.choice.ties, neutral)
-            return seer.white[i](np.nan_to_num(probe.slopes(fitted.values, fitted.own(i), directions)))
+            return seer.white[i](np.nan_to_num(probe.slopes(fitted.gliding, fitted.own(i), directions)))
 
         S = np.concatenate(subject.over(one, range(len(subject.rough))))
         return S - J @ (H @ (J.T @ S))
@@ -291,7 +294,7 @@ def library_slopes(
     directions = np.diag(far)[telling]
 
     def one(i: int) -> np.ndarray:
-        return seer.white[i](np.nan_to_num(fitted.rough[i].slopes(fitted.values, fitted.own(i), directions)))
+        return seer.white[i](np.nan_to_num(fitted.rough[i].slopes(fitted.gliding, fitted.own(i), directions)))
 
     def sweep() -> np.ndarray:
         S = np.zeros((seer.count, absent.size))

@@ -195,7 +195,7 @@ def _kicks(fitted: Fitted, seer: Seer) -> list[Float[np.ndarray, "n kicks"]]:
     """Responses to rates that the release gives, the same in every experiment or of each by itself."""
     found = []
     for i, (p, white) in enumerate(zip(fitted.rough, seer.white, strict=True)):
-        found.append(white(np.nan_to_num(p.kick_slopes(fitted.values, fitted.own(i)))))
+        found.append(white(np.nan_to_num(p.kick_slopes(fitted.gliding, fitted.own(i)))))
     return [np.concatenate(found), np.asarray(block_diag(*found))]
 
 
