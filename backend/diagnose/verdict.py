@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.belief import Belief
@@ -63,12 +64,10 @@ def make_report(
     """Everything that was found, in the words of the file format. enough: whether the best cause leaves noise alone.
     tried: all sets that were fitted, by their names.
     """
-    none, unknown, chances = _chances(verdict, enough, belief, shrunk)
+    none, unknown = _chances(verdict, enough, belief, shrunk)
     reported = set(belief.reported)
     listed = belief.causes[: max([MOST_CAUSES, *(i + 1 for i in reported)])]
-    left = 1.0 - none - unknown
-    shown = np.array([chances[i] for i in range(len(listed))])
-    shown = shown * (left / shown.sum()) if shown.size and shown.sum() > 0 else shown
+    shown = _shares(belief, len(listed), 1.0 - none - unknown)
     standing = {i for i in reported if i < MOST_CAUSES} if verdict != "none" else set()
     sds = [_deviations(c, i in standing, scale, softness) for i, c in enumerate(listed)]
     causes = [
@@ -124,20 +123,26 @@ library had.
 AT_LEAST_UNKNOWN = 0.9
 
 
-def _chances(
-    verdict: Verdict, enough: bool, belief: Belief, shrunk: Shrinkage | None
-) -> tuple[float, float, np.ndarray]:
-    """Probability of none, of unknown, and shares of the causes."""
+def _chances(verdict: Verdict, enough: bool, belief: Belief, shrunk: Shrinkage | None) -> tuple[float, float]:
+    """Probability of none and of unknown."""
     if verdict == "none":
         none = max(belief.none, 0.5)
-        return none, belief.unknown * (1.0 - none) / max(1.0 - belief.none, 1e-12), belief.probability
+        return none, belief.unknown * (1.0 - none) / max(1.0 - belief.none, 1e-12)
     if verdict == "unknown":
-        return 0.0, belief.unknown if enough else max(belief.unknown, AT_LEAST_UNKNOWN), belief.probability
+        return 0.0, belief.unknown if enough else max(belief.unknown, AT_LEAST_UNKNOWN)
     if verdict == "approximate":
         least, most = APPROXIMATE_UNKNOWN
         nearly_all = shrunk is not None and shrunk.explained is not None and shrunk.explained > ALMOST_ALL
-        return 0.0, float(np.clip(belief.unknown, least, least if nearly_all else most)), belief.probability
-    return min(belief.none, 0.5), max(belief.unknown, 0.005), belief.probability
+        return 0.0, float(np.clip(belief.unknown, least, least if nearly_all else most))
+    return min(belief.none, 0.5), max(belief.unknown, 0.005)
+
+
+def _shares(belief: Belief, count: int, left: float) -> Float[np.ndarray, " count"]:
+    """Probabilities of the first causes, which share what is left."""
+    shares = belief.probability[:count]
+    if not np.any(shares):  # what is unknown is the likelier by more than a float holds
+        shares = np.exp(belief.log_z[:count] - belief.log_z[:1])
+    return shares * (left / shares.sum()) if count else shares
 
 
 def _deviations(cause: Cause, standing: bool, scale: float, softness: float) -> np.ndarray:

@@ -37,3 +37,10 @@ def test_something_is_missing_beside_a_form_that_is_nearly_right(unknown, explai
     belief = Belief((), np.zeros(0), np.zeros(0), 0.0, unknown)
     shrunk: Any = SimpleNamespace(explained=explained)
     assert verdict._chances("approximate", False, belief, shrunk)[1] == pytest.approx(told)
+
+
+@pytest.mark.parametrize("probability", [[0.3, 0.1], [0.0, 0.0]], ids=["as believed", "less than a float holds"])
+def test_what_is_left_is_shared_by_the_causes_that_are_listed(probability):
+    belief = Belief((), np.array([*probability, 0.0]), np.array([-900.0, -900.0 - np.log(3.0), -2000.0]), 0.0, 0.5)
+    assert verdict._shares(belief, 2, 0.5) == pytest.approx([0.375, 0.125])
+    assert verdict._shares(Belief((), np.zeros(0), np.zeros(0), 0.0, 1.0), 0, 0.0).size == 0
