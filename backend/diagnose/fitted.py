@@ -282,19 +282,18 @@ class Seer:
         sd: of the choice's parameters before any data. J: exact ones, which stay where a motion is lost.
         """
         few, ends = self._ends(x)
-        made = J.copy()
-        ways = [([k], float(ACROSS * sd[k]), list(range(len(self.probes)))) for k in range(few)]
-        for c in range(max(p.unknowns for p in self.probes)):
-            runs = [i for i, p in enumerate(self.probes) if p.unknowns > c]
+        made, every = J.copy(), range(len(self.probes))
+        ways = [(dict.fromkeys(every, k), float(ACROSS * sd[k])) for k in range(few)]
+        for c in range(max(p.unknowns for p in self.probes)):  # each run's own moves no other: all at once
+            runs = [i for i in every if self.probes[i].unknowns > c]
             far = ACROSS_START * (10.0 if c >= self.probes[runs[0]].mobility else 1.0)
-            ways.append(([ends[i] + c for i in runs], far, runs))
-        for columns, far, runs in ways:
-            below, above = x.copy(), x.copy()
-            below[columns] = np.maximum(x[columns] - far, lower[columns])
-            above[columns] = np.minimum(x[columns] + far, upper[columns])
+            ways.append(({i: int(ends[i]) + c for i in runs}, far))
+        for column_of, far in ways:
+            below, above, moved = x.copy(), x.copy(), list(column_of.values())
+            below[moved] = np.maximum(x[moved] - far, lower[moved])
+            above[moved] = np.minimum(x[moved] + far, upper[moved])
             change = self.left(below) - self.left(above)
-            for n, i in enumerate(runs):
-                column = columns[min(n, len(columns) - 1)]
+            for i, column in column_of.items():
                 slope = change[self.rows[i]] / (above[column] - below[column])
                 made[self.rows[i], column] = np.where(np.isfinite(slope), slope, J[self.rows[i], column])
         return made

@@ -98,7 +98,7 @@ def _early(subject: Subject, candidates: Sequence[Candidate], values: Mapping[st
     """
     choice = subject.choose(*candidates)
     probes = [subject.chosen(p, choice).first(EARLY) for p in subject.fit]
-    r, _ = Seer(subject, probes, EARLY)(start_of(subject, choice, values))
+    r = Seer(subject, probes, EARLY).left(start_of(subject, choice, values))
     return float(np.sum(np.minimum(np.nan_to_num(r, nan=10.0) ** 2, 100.0)))
 
 
