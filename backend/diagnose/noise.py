@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from backend.diagnose.memory import Memory, remembered
 from backend.fit.measured import Channel, Measured
-from backend.fit.noise import ROUNDING, quantum
+from backend.fit.noise import FAR, MAD_TO_SIGMA, ROUNDING, quantum
 
 ENOUGH = 60  # static samples of one kind of channel: its sd is then known to a tenth, its memory to 0.13
 ALIKE = 1.7  # channels whose noise differs by less share one estimate
@@ -25,7 +25,6 @@ RARE = 3e-5  # probability of a good sample to be missed so far by a cubic throu
 ROUNDS = 8
 STRAY = 4.3  # sd: a sample of a smooth record that nothing smooth explains
 BETWEEN, BEFORE = np.array([-2, -1, 1, 2]), -np.arange(1, 7)  # neighbours of a sample; of one at an end
-FAR = 5.0  # robust sd of still frames
 
 
 @dataclass(frozen=True)
@@ -149,7 +148,7 @@ def _calm(data: Sequence[Measured], keep: Sequence[np.ndarray], still: list) -> 
     made = []
     for (i, c, rows), mine in zip(still, away, strict=True):
         alike = [a for a, (j, d, _) in zip(away, still, strict=True) if _name(data[j], d) == _name(data[i], c)]
-        width = 1.4826 * float(np.median(np.concatenate(alike)))
+        width = MAD_TO_SIGMA * float(np.median(np.concatenate(alike)))
         good = mine <= FAR * width if width > 0 else np.ones(rows.size, bool)
         if good.sum() >= 5:
             at = [d for d, channel in enumerate(data[i].channels) if channel.at == data[i].channels[c].at]
@@ -190,7 +189,7 @@ def strays(left: Float[np.ndarray, " n"], together: Int[np.ndarray, " n"] | None
     """Rows of unit noise, or of a misfit somewhat wider, that nothing smooth explains. together: rows of one number
     stand or fall together, as likely to be taken for strays by chance as one alone.
     """
-    square = (left / max(1.0, 1.4826 * float(np.median(np.abs(left))))) ** 2
+    square = (left / max(1.0, MAD_TO_SIGMA * float(np.median(np.abs(left))))) ** 2
     if together is None:
         return square > STRAY**2
     count, far = np.bincount(together), np.bincount(together, square)
@@ -244,7 +243,7 @@ def good_samples(data: Measured) -> np.ndarray:
                 first = np.arange(rows.size - len(BEFORE))
                 ahead = _missed(time, value, first, -BEFORE), first
                 for (miss, index), ends in ((between, inside), (after, last[-2:]), (ahead, first[:2])):
-                    width = max(1.4826 * np.median(np.abs(miss)), floor, 1e-300)
+                    width = max(MAD_TO_SIGMA * np.median(np.abs(miss)), floor, 1e-300)
                     at = np.isin(index, ends)
                     for t, size in zip(time[index[at]], miss[at] / width, strict=True):
                         far[t] = far.get(t, 0.0) + size**2

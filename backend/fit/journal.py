@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from backend.source import source_digest
+
 HEAD = "belongs_to"
 
 
@@ -28,8 +30,9 @@ class Journal:
     def of(cls, path: Path, belongs_to: str, *, resume: bool, work: str) -> Journal:
         """Begin anew, or go on; ValueError with the remedy where there is nothing to go on with.
 
-        belongs_to: a fingerprint of all that decides what is found. work: what the user would call it.
+        belongs_to: a fingerprint of all that decides what is found, beside the code. work: what the user would call it.
         """
+        belongs_to = f"{belongs_to} {source_digest()}"
         if not resume:
             return cls(path, belongs_to)
         try:
@@ -42,8 +45,8 @@ class Journal:
         told = [read for line in lines if (read := _read(line)) is not None]
         if not told or told[0].get(HEAD) != belongs_to:
             raise ValueError(
-                f"{path} belongs to another {work}: what it reads or an option has changed since. Start again without "
-                "--resume."
+                f"{path} belongs to another {work}: what it reads, an option or linktwin itself has changed since. "
+                "Start again without --resume."
             )
         return cls(path, belongs_to, told[1:])
 

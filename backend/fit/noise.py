@@ -16,6 +16,7 @@ from jaxtyping import Float
 MAD_TO_SIGMA = 1.4826  # of a Gaussian
 ENOUGH_STATIC = 8  # below this the scatter of static frames is itself 25% uncertain
 ROUNDING = 1e-13  # of a channel's largest value: what sums of it scatter by, all equal
+FAR = 5.0  # robust sd: a still frame so far from the others is a wild one
 FEWEST = 5  # samples that tell a third difference from chance
 Source = Literal["given", "static", "third_difference", "others"]
 
@@ -55,7 +56,10 @@ def channel_noise(
 def _estimate(time_s, value, release_s) -> tuple[float, Source]:
     held = value[time_s < release_s]
     if held.size >= ENOUGH_STATIC:
-        return float(np.std(held, ddof=1)), "static"
+        away = np.abs(held - np.median(held))
+        width = MAD_TO_SIGMA * float(np.median(away))
+        calm = held[away <= FAR * width] if width > 0.0 else held  # most of what a coarse encoder tells is one value
+        return float(np.std(calm, ddof=1)), "static"
     return third_difference_sigma(time_s, value) if value.size >= FEWEST else 0.0, "third_difference"
 
 

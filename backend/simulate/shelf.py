@@ -26,8 +26,8 @@ from jax.core import Tracer
 
 from backend.environment import many_programs
 from backend.simulate.kernel import call as kernel
+from backend.source import source_digest
 
-BACKEND = Path(__file__).resolve().parents[1]
 SUFFIX = ".traced"
 DIGEST = hashlib.sha256().digest_size
 MOST = 200  # programs kept; those not asked for the longest go first
@@ -122,12 +122,8 @@ def _named(value: Any) -> Any:
 @cache
 def _made_from() -> bytes:
     """Of all that a traced program depends on beside its layout: our source, the packages and the kernel."""
-    made = hashlib.sha256()
-    for path in sorted(BACKEND.rglob("*.py")):
-        made.update(path.relative_to(BACKEND).as_posix().encode() + path.read_bytes())
     versions = jax.__version__, equinox.__version__, np.__version__, jax.default_backend(), jnp.zeros(()).dtype.name
-    made.update(repr((*versions, kernel.available())).encode())
-    return made.digest()
+    return repr((source_digest(), *versions, kernel.available())).encode()
 
 
 def _read(path: Path) -> bytes | None:

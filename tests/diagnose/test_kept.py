@@ -35,6 +35,15 @@ def test_a_file_of_another_search_is_refused_with_the_remedy(study, tmp_path):
         Kept.of(tmp_path / "nothing.jsonl", study, frozenset(), resume=True)
 
 
+def test_what_other_code_found_is_not_gone_on_with(study, tmp_path, monkeypatch):
+    path = tmp_path / "kept.jsonl"
+    monkeypatch.setattr("backend.fit.journal.source_digest", lambda: "as it was last month")
+    Kept.of(path, study, frozenset(), resume=False)
+    monkeypatch.undo()
+    with pytest.raises(ValueError, match="linktwin itself has changed"):
+        Kept.of(path, study, frozenset(), resume=True)
+
+
 def test_a_finished_search_leaves_nothing_to_resume(study, tmp_path):
     kept = Kept.of(tmp_path / "kept.jsonl", study, frozenset(), resume=False)
     kept.remove()

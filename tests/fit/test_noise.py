@@ -56,6 +56,15 @@ def test_a_channel_that_never_changes_or_is_too_short_does_not_tell_its_noise():
     assert np.all(np.isnan(channel_noise(np.arange(4.0), np.arange(4.0) ** 2).sigma))
 
 
+def test_one_wild_frame_before_the_release_does_not_widen_the_noise():
+    rng = np.random.default_rng(4)
+    time, value = np.arange(60) / 240.0, 1e-3 * rng.standard_normal(60)
+    value[7] += 0.05
+    noise = channel_noise(time, value, release_s=0.2)
+    assert noise.source == "static"
+    np.testing.assert_allclose(noise.sigma, 1e-3, rtol=0.3)
+
+
 def test_whitening_an_ar1_series_leaves_white_noise_of_the_same_size():
     rng = np.random.default_rng(6)
     e = rng.standard_normal(20000)
