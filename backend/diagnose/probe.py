@@ -59,6 +59,14 @@ def sensitivities(
     return value, slope, lost
 
 
+@shelved("addresses")
+def motion(
+    setting: Setting, addresses: Addresses, step_s: Float[Array, ""], x: Float[Array, " x"]
+) -> tuple[Float[Array, " samples"], Array]:
+    """Prediction at x alone, and the samples it was lost for."""
+    return predict(setting, addresses, step_s, x, patience=PATIENCE)
+
+
 @dataclass
 class Probe(Run):
     """An experiment in which `few` numbers are tied to the library's parameters, which otherwise keep `neutral`.
@@ -66,6 +74,7 @@ class Probe(Run):
     bumps: (steps, waves) of the unknown drives, the last columns of the setting's record. correction: what the error of
     the step takes from every sample, put back. misplaced: what the library's last numbers, those of the cameras, do
     to samples. lying: ways in which samples before the release may be off, by one deviation each (see `settled`).
+    loose: whether pins are, so that motions take so long that a program of their own is worth compiling.
     """
 
     neutral: Float[np.ndarray, " all"] = field(default_factory=lambda: np.zeros(0))
@@ -73,6 +82,7 @@ class Probe(Run):
     correction: Float[np.ndarray, " samples"] | None = None
     misplaced: Misplaced | None = None
     lying: Float[np.ndarray, "samples ways"] | None = None
+    loose: bool = False
 
     def choose(self, ties: Float[np.ndarray, "all few"], neutral: Float[np.ndarray, " all"] | None = None) -> Probe:
         """The same experiment with other numbers free."""
@@ -101,8 +111,12 @@ class Probe(Run):
 
     def seen(self, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, " samples"]:
         """Predicted samples alone."""
-        x = self._x(values, own)
-        return self.along(x, np.zeros((0, x.size)))[0]
+        x, n = self._x(values, own), self.data.time_s.size
+        if not self.loose:
+            return self.along(x, np.zeros((0, x.size)))[0]
+        step, of_motion = jnp.asarray(self.step_s), jnp.asarray(self._of_motion(x))
+        made, lost = (np.array(v[:n]) for v in motion(self.setting, self.addresses, step, of_motion))
+        return np.where(lost, np.nan, self._measured(made, x))
 
     def slopes(self, values: np.ndarray, own: np.ndarray, directions: Float[np.ndarray, "k all"]) -> np.ndarray:
         """(samples, k): derivative along directions in the library's parameters."""
@@ -176,11 +190,18 @@ class Probe(Run):
             )
             seen, lost = np.asarray(value[:n]), np.asarray(gone[:n])
             slopes[:, part] = np.asarray(slope[:n])[:, : part.stop - first]
-        seen = seen if self.correction is None else seen + self.correction
         if self.misplaced is not None:
-            by_z = self.misplaced.slopes(seen)
-            seen, slopes = seen + by_z @ x[self._z], slopes + by_z @ directions[:, self._z].T
-        return np.where(lost, np.nan, seen), slopes
+            slopes += self.misplaced.slopes(self._in_place(seen)) @ directions[:, self._z].T
+        return np.where(lost, np.nan, self._measured(seen, x)), slopes
+
+    def _in_place(self, seen: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
+        """Samples with the error of the step put back."""
+        return seen if self.correction is None else seen + self.correction
+
+    def _measured(self, seen: Float[np.ndarray, " samples"], x: np.ndarray) -> Float[np.ndarray, " samples"]:
+        """The same as the cameras see them."""
+        seen = self._in_place(seen)
+        return seen if self.misplaced is None else seen + self.misplaced.slopes(seen) @ x[self._z]
 
     def step_error(self, values: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "two samples"]:
         """What the error of the step adds to every sample of a motion, to be put back into predictions; and the same

@@ -217,6 +217,7 @@ def prepare(
     waves = max(n for n in FEW_WAVES if n <= max(min(waves, ALL_WAVES // max(len(joints), 1)), FEW_WAVES[0]))
     for p in (*fit, *held):
         p.misplaced = Misplaced.of(p.data, model, cameras, p.experiment.camera)
+        p.loose = any(c.family in PLAYS for c in library.candidates)
         p.neutral, p.bumps = neutral, bumps(frame[0], step_s, p.duration_s, waves)
         setting = p.framed(*frame)
         p.__dict__["setting"] = replace(setting, record=with_drives(setting.record, frame[0], driven))
