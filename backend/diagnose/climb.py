@@ -10,12 +10,12 @@ import numpy as np
 from backend.diagnose.adequacy import Adequacy, adequacy, scaled
 from backend.diagnose.belief import weigh
 from backend.diagnose.beyond_smooth import AbstractBeyondSmooth
-from backend.diagnose.cause import Cause
+from backend.diagnose.cause import Cause, is_new
 from backend.diagnose.closer import closer, in_shape
 from backend.diagnose.recombined import recombined
 from backend.diagnose.same_motion import complete, elsewhere
 from backend.diagnose.softness import softness
-from backend.diagnose.standards import SURE, TELLING, WORTH
+from backend.diagnose.standards import STRICT, SURE, TELLING, WORTH
 from backend.diagnose.where import place_evidence, shares
 from backend.diagnose.which import LEADERS, PARTNERS
 
@@ -23,6 +23,7 @@ DEEPEST = 4  # effects in one explanation
 BEYOND_DOUBT = 0.99
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
+HINT = 0.1  # p of what a single cause leaves: of less it is asked whether one more effect would take that
 MOST_GONE = 0.1  # of the gap's power: of a cause that leaves no more, others that do the same are sought too
 PLAIN = 8  # sets of a size, the likeliest, that may do for a larger one
 
@@ -63,7 +64,8 @@ class Climb(AbstractBeyondSmooth):
             if depth == DEEPEST or self._cancelled():
                 break
             if depth >= SURE or not top.fitted.pressed:  # one that is enough only at the end of its range is not
-                if self.enough(judged) or self._little(top, judged, depth):
+                plain = self.enough(judged) and not (depth < SURE and self._hinted(top, judged))
+                if plain or self._little(top, judged, depth):
                     break
                 if self._out_of_reach(top, judged):
                     self._tell("nothing smooth in the library could take what is left")
@@ -81,6 +83,18 @@ class Climb(AbstractBeyondSmooth):
         if len(best.candidates) <= SURE and best.fitted.fraction == 1.0 and elsewhere(self.search, best):
             best, found = self._likelier_than(best, found)
         return self._recombined(best, found)
+
+    def _hinted(self, top: Cause, judged: Adequacy) -> bool:
+        """Whether what a cause leaves, though noise may leave as much, is what one of the library does beyond chance: a
+        test of all that could be there overlooks what is small beside the first.
+        """
+        if top.fitted.fraction < 1.0 or self._within_tolerance(judged):
+            return False
+        left = self.search.left(top, self.scale)
+        if min(judged.p, 1.0 if left is None else left.p) > HINT:
+            return False
+        free = [c for c in self.search.subject.library.candidates if is_new(c, top) and not c.sought]
+        return self.search.screen(top).rescaled(self.scale).p_value(free, self.rng) < STRICT
 
     def _place(self, top: Cause) -> str | None:
         """Where what a cause leaves lies beyond doubt."""
