@@ -35,7 +35,7 @@ from backend.mechanism.study import Study
 CLEAR = 1e-4  # p below which a gap is there whatever was believed before
 CLOSE = 8  # explanations that held-out experiments are asked about
 MOST_OF_IT = 0.9  # of the held-out gap: what a form that is a little wrong has to remove
-OF_MANY = 0.99  # the same of three effects and more none of which does that alone: they imitate nine tenths of anything
+OF_MANY = 0.99  # the same of several effects none of which does that alone: they imitate nine tenths of anything
 NEARLY_ALL = 0.999  # of the held-out gap: a cause that removes so much keeps its name, though its form is not the last
 ON_THE_WAY = 2  # smaller sets about whose motion laws of unknown form are weighed, too
 DOUBT = 0.9  # probability of an unknown law beyond which a cause that nearly fits is not named
@@ -107,12 +107,8 @@ class Judgement:
             removed = 1.0 - last.power / max(gap, 1e-12)
         complete = best.fitted.fraction == 1.0
         fits = fits and len(best.candidates) <= SURE and not (climb.large or climb.names_a_remainder(best, enough))
-        nearly = removed >= (OF_MANY if self._of_many(best) else MOST_OF_IT) and complete
+        nearly = removed >= (MOST_OF_IT if self._led(best) else OF_MANY) and complete
         return "identified" if fits and complete else "approximate" if nearly else "unknown"
-
-    def _of_many(self, best: Cause) -> bool:
-        """Whether three effects and more are needed, none of which explains most of the gap alone."""
-        return len(best.candidates) > SURE and not self._led(best)
 
     def _led(self, best: Cause) -> bool:
         """Whether one effect alone explains most of the fitted gap: what two or more do together only, as a viscous
@@ -228,7 +224,8 @@ def _weighed(
     doubtful = verdict == "identified" or (verdict == "approximate" and not nearly_all)
     if belief.unknown > DOUBT and verdict == "identified" and not enough:
         # The form is a little wrong, so that laws of any form follow what is left better.
-        verdict = "approximate" if explained is None or explained >= MOST_OF_IT else "unknown"
+        nearly = explained is None or explained >= (MOST_OF_IT if led else OF_MANY)
+        verdict = "approximate" if nearly else "unknown"
     elif doubtful and belief.unknown > (LIKELIER if exact else DOUBT):
         verdict = "unknown"
     if verdict == "identified" and (len(belief.reported) > 1 or belief.unknown > max(belief.probability)):

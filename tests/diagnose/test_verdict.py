@@ -30,6 +30,14 @@ def test_a_form_that_explains_nearly_all_keeps_its_name_where_one_effect_leads(e
 
 
 @pytest.mark.parametrize(
+    ("explained", "led", "said"), [(0.95, True, "approximate"), (0.95, False, "unknown"), (0.995, False, "approximate")]
+)
+def test_of_several_effects_none_of_which_leads_more_is_asked(explained, led, said):
+    shrunk: Any = SimpleNamespace(explained=explained)
+    assert _weighed("identified", True, False, believed(0.99), shrunk, led) == said
+
+
+@pytest.mark.parametrize(
     ("unknown", "explained", "told"),
     [(0.0, 0.95, 0.3), (0.4, 0.95, 0.4), (0.99, 0.95, 0.5), (0.99, 0.9999, 0.3), (0.99, None, 0.5)],
 )
