@@ -21,7 +21,7 @@ from backend.diagnose.screen import LARGE
 from backend.diagnose.standards import NOTHING, SMALL, SURE, WIDE, AbstractStandards
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import let_go
-from backend.diagnose.switched import switching
+from backend.diagnose.switched import TAKEN, switching
 from backend.diagnose.where import place_evidence, shares
 from backend.diagnose.which import PARTNERS, Search
 from backend.mechanism.study import Study, driven_effects
@@ -29,6 +29,7 @@ from backend.mechanism.study import Study, driven_effects
 IN_THE_PICTURE = 0.99  # probability of camera and markers beyond which no effect that switches on is tried
 UNREAD = 25.0  # noise variances a sample: so much left is far from linear, and shifts follow it as well as forces
 FAINT = 200.0  # sum of squares, in noise variances, that a cause takes off: so little is soon imitated
+OTHERS = 0.9  # of the misfit, left by one of two effects: as much may be the other's
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 HARM = 4.0  # noise variances a sample, of a beginning that is well without it: so much no smooth single cause does
 BORNE_OUT = 2  # single causes that held-out experiments bear out best, beside which a stop is tried
@@ -118,20 +119,28 @@ class AbstractBeyondSmooth(AbstractStandards):
         return best, last
 
     def _or_play(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """What is enough, or play: of a faint gap, play is what a clock or a length may imitate to within the noise."""
-        gain = self.baseline.fitted.chi2 - best.fitted.chi2
-        if self.search.followed < 1.0 or not 0.0 < gain < FAINT * self.scale**2:
+        """What is enough, or play, or of a pair play with a smooth cause beside it: of what is faint, play is what a
+        clock or a length may imitate to within the noise.
+        """
+        pair = len(best.candidates) == SURE
+        if self.search.followed < 1.0 or not 0.0 < self._gain(best) < (best.fitted.r.size if pair else FAINT):
             return best, last
         for family in sorted(PLAYS & set(families(self.without))):
             search = None if self._cancelled() else self._search_of(family)
             if search is None:
                 continue
             self.searches[id(search.subject)] = search
-            for cause in switching(search, self.baseline, family, {}, best):
-                self.search.tried[cause.names] = cause
-                if self._likelier(cause, best):
-                    best, last = self._judged(cause, search)
+            for cause in switching(search, self.baseline, family, {}, best, taken=OTHERS if pair else TAKEN):
+                for found in (cause, *(search.level([cause], PARTNERS)[:1] if pair else ())):
+                    self.search.tried[found.names] = found
+                    if self._likelier(found, best):
+                        best, last = self._judged(found, search)
         return best, last
+
+    def _gain(self, best: Cause) -> float:
+        """Sum of squares, in noise variances, that the last of the members took off."""
+        fewer = self.baseline if len(best.candidates) < SURE else self._best_alone()
+        return 0.0 if fewer is None else (fewer.fitted.chi2 - best.fitted.chi2) / self.scale**2
 
     def _tuned(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """The best set, or a cause that no slope leads to: alone, or beside the likeliest single one, or beside another

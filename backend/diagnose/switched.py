@@ -28,10 +28,12 @@ def switching(
     motion: dict[str, np.ndarray],
     rival: Cause,
     beside: Cause | None = None,
+    taken: float = TAKEN,
 ) -> list[Cause]:
     """Candidates that are nothing while small: tried at some sizes, the best fitted over growing records.
 
-    rival: the best smooth set, which one of them must come near. beside: a cause that each of them joins.
+    rival: the best smooth set, which one of them must come near. beside: a cause that each of them joins. taken: share
+    of the misfit that one may leave.
     """
     names = () if beside is None else beside.names
     others = [c for c in search.subject.library.candidates if c.name in names]
@@ -48,7 +50,7 @@ def switching(
     for _, values, candidate in sorted(found, key=lambda f: f[0])[:SWITCHES]:
         search.tell(f"trying {' + '.join([candidate.name, *names])}")
         choice = search.subject.choose(*others, candidate)
-        fitted = _grown(search, choice, start_of(search.subject, choice, values), baseline.fitted, rival.fitted)
+        fitted = _grown(search, choice, start_of(search.subject, choice, values), baseline.fitted, rival.fitted, taken)
         if fitted is not None and np.isfinite(fitted.chi2):
             (made if fitted.fraction == 1.0 else behind).append(fitted)
     if behind and not made and not others:
@@ -76,7 +78,7 @@ def _as_walls_come(search: Search, behind: Sequence[Fitted], drawn: Fitted, riva
     nearest = min(behind, key=lambda f: (-f.fraction, f.chi2))
     search.tell(f"trying {nearest.choice.name} with what nobody states of it")
     begun = opened(search, nearest)
-    made = None if begun is None else _grown(search, begun.choice, begun.x, drawn, rival)
+    made = None if begun is None else _grown(search, begun.choice, begun.x, drawn, rival, TAKEN)
     return [made] if made is not None and np.isfinite(made.chi2) and made.fraction == 1.0 else []
 
 
@@ -108,16 +110,16 @@ def _shortly(
     return made.chi2, dict(zip((p.name for p in choice.parameters), made.values.tolist(), strict=True)), candidate
 
 
-def _grown(search: Search, choice: Choice, x: np.ndarray, drawn: Fitted, rival: Fitted) -> Fitted | None:
+def _grown(search: Search, choice: Choice, x: np.ndarray, drawn: Fitted, rival: Fitted, taken: float) -> Fitted | None:
     """Fitted over growing shares of the records, up to where it leaves far more than its rival does; None where it
-    leaves most of what the drawing misses.
+    leaves more than `taken` of what the drawing misses.
     """
     for share in GROWING:
         made = fit(search.subject, choice, start=x, fractions=(share,))
         x, left = made.x, made.chi2 / made.r.size - 1.0
         if share < 1.0:
             chance = CHANCE * np.sqrt(2.0 / made.r.size)
-            if not left < max(chance, TAKEN * (mean_square(drawn, share) - 1.0)):
+            if not left < max(chance, taken * (mean_square(drawn, share) - 1.0)):
                 return None
             if not left < max(chance, SPARE, BEHIND * (mean_square(rival, share) - 1.0)):
                 return made

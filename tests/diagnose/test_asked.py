@@ -1,0 +1,70 @@
+"""What is asked although what is there is enough: one more effect, and play where a pair may imitate it."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from backend.diagnose import beyond_smooth
+from backend.diagnose.climb import HINT, Climb
+from backend.diagnose.standards import STRICT
+
+ROWS = 1000
+
+
+def cause(*names: str, chi2: float = ROWS, fraction: float = 1.0) -> Any:
+    fitted = SimpleNamespace(chi2=chi2, fraction=fraction, r=SimpleNamespace(size=ROWS))
+    members = tuple(SimpleNamespace(name=n) for n in names)
+    return SimpleNamespace(names=names, candidates=members, fitted=fitted)
+
+
+@pytest.mark.parametrize(
+    ("p", "held_out", "directed", "fraction", "hinted"),
+    [
+        (0.5 * HINT, None, 0.5 * STRICT, 1.0, True),
+        (0.5 * HINT, None, 2.0 * STRICT, 1.0, False),
+        (2.0 * HINT, 0.5 * HINT, 0.5 * STRICT, 1.0, True),
+        (2.0 * HINT, 2.0 * HINT, 0.5 * STRICT, 1.0, False),
+        (0.5 * HINT, None, 0.5 * STRICT, 0.5, False),
+    ],
+    ids=["in one of the library", "in none of it", "held-out experiments say so", "nothing says so", "not followed"],
+)
+def test_one_more_effect_is_asked_where_what_is_left_points_at_one(p, held_out, directed, fraction, hinted):
+    climb: Any = object.__new__(Climb)
+    about = SimpleNamespace(rescaled=lambda scale: SimpleNamespace(p_value=lambda free, rng: directed))
+    climb.scale, climb.rng, climb.tolerance_m = 1.0, None, None
+    climb.search = SimpleNamespace(
+        left=lambda c, scale: None if held_out is None else SimpleNamespace(p=held_out),
+        screen=lambda c: about, subject=SimpleNamespace(library=SimpleNamespace(candidates=())),
+    )  # fmt: skip
+    assert climb._hinted(cause("viscous_friction:j1", fraction=fraction), SimpleNamespace(p=p)) == hinted
+
+
+@pytest.mark.parametrize(
+    ("names", "gain", "found"),
+    [
+        (("length_error:rod", "frame_rate_error:camera"), 0.5 * ROWS, ("clearance:j2", "camera_scale:camera")),
+        (("length_error:rod", "frame_rate_error:camera"), 2.0 * ROWS, None),
+        (("length_error:rod",), 0.5 * beyond_smooth.FAINT, ("clearance:j2",)),
+        (("length_error:rod",), 2.0 * beyond_smooth.FAINT, None),
+    ],
+    ids=["a pair", "far beyond the noise", "one", "one that is not faint"],
+)
+def test_play_is_asked_where_what_is_enough_may_imitate_it(monkeypatch, names, gain, found):
+    climb: Any = object.__new__(Climb)
+    alone = cause(names[0], chi2=ROWS + (gain if len(names) > 1 else 0.0))
+    best, play = cause(*names), cause("clearance:j2", chi2=1.3 * ROWS if len(names) > 1 else 0.9 * ROWS)
+    pair = cause("clearance:j2", "camera_scale:camera", chi2=0.9 * ROWS)
+    climb.scale, climb.without, climb.searches = 1.0, frozenset(), {}
+    climb.baseline = cause(chi2=ROWS + gain)
+    subject = SimpleNamespace()
+    for c in (alone, best, play, pair):
+        c.fitted.subject = subject
+    climb.search = SimpleNamespace(followed=1.0, tried={alone.names: alone}, cancelled=lambda: False, subject=subject)
+    climb._search_of = lambda family: SimpleNamespace(subject=subject, level=lambda parents, refits: [pair])
+    climb._by_fit = climb._weight = lambda c: -c.fitted.chi2
+    climb._judged = lambda c, search=None: (c, "judged")
+    monkeypatch.setattr(beyond_smooth, "switching", lambda *args, **kwargs: [play])
+    assert climb._or_play(best, "as it was") == (
+        (best, "as it was") if found is None else (climb.search.tried[found], "judged")
+    )
