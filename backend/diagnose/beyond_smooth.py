@@ -33,6 +33,7 @@ OTHERS = 0.9  # of the misfit, left by one of two effects: as much may be the ot
 WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 HARM = 4.0  # noise variances a sample, of a beginning that is well without it: so much no smooth single cause does
 BORNE_OUT = 2  # single causes that held-out experiments bear out best, beside which a stop is tried
+CLOSELY = 0.02  # of the size of what one of two effects does
 MOST = 0.5  # one more effect must leave at most this share of the power where the law of blows would excuse it
 
 
@@ -53,7 +54,7 @@ class AbstractBeyondSmooth(AbstractStandards):
         """
         best, last = self._or_load(best, last)
         refused, lost = self.refused(best), best.fitted.fraction < 1.0
-        if not (refused or lost) and (self.enough(last) or self._little(best, last, 1)):
+        if not (refused or lost) and (self.enough(last) or self._little(best, last, 1) or self._nothing_of(best, last)):
             return self._or_play(best, last)
         if self._settled(best, last):  # by an end of travel that was met
             return best, last
@@ -136,6 +137,12 @@ class AbstractBeyondSmooth(AbstractStandards):
                     if self._likelier(found, best):
                         best, last = self._judged(found, search)
         return best, last
+
+    def _nothing_of(self, best: Cause, last: Adequacy) -> bool:
+        """Whether a pair leaves next to nothing of what its better half alone does: smooth causes do not follow what
+        switches on so closely.
+        """
+        return len(best.candidates) == SURE and last.power < CLOSELY**2 * self._gain(best) / best.fitted.r.size
 
     def _gain(self, best: Cause) -> float:
         """Sum of squares, in noise variances, that the last of the members took off."""

@@ -68,3 +68,18 @@ def test_play_is_asked_where_what_is_enough_may_imitate_it(monkeypatch, names, g
     assert climb._or_play(best, "as it was") == (
         (best, "as it was") if found is None else (climb.search.tried[found], "judged")
     )
+
+
+@pytest.mark.parametrize(
+    ("names", "left", "nothing"),
+    [
+        (("effort_offset:a", "torsion_spring:b"), 0.5 * beyond_smooth.CLOSELY**2, True),
+        (("effort_offset:a", "torsion_spring:b"), 2.0 * beyond_smooth.CLOSELY**2, False),
+        (("effort_offset:a",), 0.5 * beyond_smooth.CLOSELY**2, False),
+    ],
+)
+def test_what_switches_on_is_not_asked_beside_a_pair_that_leaves_next_to_nothing(names, left, nothing):
+    climb: Any = object.__new__(Climb)
+    climb.scale, climb.baseline = 1.0, cause(chi2=9.0 * ROWS)
+    climb._best_alone = lambda: cause(names[0], chi2=2.0 * ROWS)
+    assert climb._nothing_of(cause(*names), SimpleNamespace(power=left)) == nothing
