@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from backend.diagnose.memory import Memory, remembered
 from backend.fit.measured import Channel, Measured
-from backend.fit.noise import FAR, MAD_TO_SIGMA, ROUNDING, quantum
+from backend.fit.noise import MAD_TO_SIGMA, ROUNDING, calm, quantum
 
 ENOUGH = 60  # static samples of one kind of channel: its sd is then known to a tenth, its memory to 0.13
 ALIKE = 1.7  # channels whose noise differs by less share one estimate
@@ -148,8 +148,7 @@ def _calm(data: Sequence[Measured], keep: Sequence[np.ndarray], still: list) -> 
     made = []
     for (i, c, rows), mine in zip(still, away, strict=True):
         alike = [a for a, (j, d, _) in zip(away, still, strict=True) if _name(data[j], d) == _name(data[i], c)]
-        width = MAD_TO_SIGMA * float(np.median(np.concatenate(alike)))
-        good = mine <= FAR * width if width > 0 else np.ones(rows.size, bool)
+        good = calm(mine, np.concatenate(alike), quantum(data[i].value[data[i].channel == c]))
         if good.sum() >= 5:
             at = [d for d, channel in enumerate(data[i].channels) if channel.at == data[i].channels[c].at]
             wrong = np.isin(data[i].time_s, data[i].time_s[rows[~good]]) & np.isin(data[i].channel, at)

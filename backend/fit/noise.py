@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 MAD_TO_SIGMA = 1.4826  # of a Gaussian
 ENOUGH_STATIC = 8  # below this the scatter of static frames is itself 25% uncertain
@@ -57,10 +57,16 @@ def _estimate(time_s, value, release_s) -> tuple[float, Source]:
     held = value[time_s < release_s]
     if held.size >= ENOUGH_STATIC:
         away = np.abs(held - np.median(held))
-        width = MAD_TO_SIGMA * float(np.median(away))
-        calm = held[away <= FAR * width] if width > 0.0 else held  # most of what a coarse encoder tells is one value
-        return float(np.std(calm, ddof=1)), "static"
+        return float(np.std(held[calm(away, away, quantum(value))], ddof=1)), "static"
     return third_difference_sigma(time_s, value) if value.size >= FEWEST else 0.0, "third_difference"
+
+
+def calm(away: Float[np.ndarray, " n"], alike: Float[np.ndarray, " m"], step: float) -> Bool[np.ndarray, " n"]:
+    """Which of still frames, so far off their median, are not wild beside those that are `alike`. step: of a quantised
+    channel, whose values may be one for the most part.
+    """
+    width = MAD_TO_SIGMA * float(np.median(alike)) or step
+    return away <= FAR * width if width > 0.0 else np.ones(away.size, bool)
 
 
 def third_difference_sigma(time_s: Float[np.ndarray, " n"], value: Float[np.ndarray, " n"]) -> float:
@@ -81,12 +87,14 @@ def third_difference_sigma(time_s: Float[np.ndarray, " n"], value: Float[np.ndar
 def quantum(value: Float[np.ndarray, " n"]) -> float:
     """The step of a quantised channel, or 0 when its values are not multiples of one step.
 
-    A step counts when the differences of all distinct values are whole multiples of it, to 5%, and values
-    repeat (white noise on a continuous channel never does).
+    A step counts when the differences of all values that repeat are whole multiples of it, to 5%, and enough do (white
+    noise on a continuous channel never does); wild samples, which no counter made, stand alone.
     """
-    levels = np.unique(value)
+    levels, times = np.unique(value, return_counts=True)
     if levels.size < 2 or levels.size > 0.9 * value.size:
         return 0.0
+    if np.sum(times > 1) >= FEWEST:
+        levels = levels[times > 1]
     steps = np.diff(levels)
     smallest = float(steps[steps > 1e-9 * np.ptp(levels)].min(initial=np.inf))
     if not np.isfinite(smallest):

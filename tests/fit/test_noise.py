@@ -40,6 +40,17 @@ def test_a_quantum_is_found_in_counts_and_not_in_white_noise():
     assert quantum(rng.standard_normal(500)) == 0.0
 
 
+def test_wild_samples_hide_neither_a_quantum_nor_how_little_a_coarse_channel_scatters():
+    rng, step = np.random.default_rng(3), 4e-4
+    time, still = np.arange(600) / 100, 0.3
+    value = np.round(np.where(time < still, 0.03, 0.03 + 0.1 * np.sin(time - still)) / step) * step
+    value += step * (rng.random(600) < 0.1)
+    wild = np.r_[5, 250:260]
+    value[wild] += rng.uniform(0.02, 0.08, wild.size)
+    assert quantum(value) == pytest.approx(step, rel=1e-6)
+    assert channel_noise(time, value, release_s=still).sigma[0] < step
+
+
 def test_sigma_in_the_data_is_believed_and_holes_are_filled():
     time = np.arange(200) / 100
     value = np.sin(time) + 0.01 * np.random.default_rng(5).standard_normal(200)
