@@ -120,10 +120,12 @@ class AbstractBeyondSmooth(AbstractStandards):
         return best, last
 
     def _or_play(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
-        """What is enough, or play, or of a pair play with a smooth cause beside it: of what is faint, play is what a
-        clock or a length may imitate to within the noise.
+        """What is enough, or play, or in the place of a pair that lies in the picture play with a smooth cause beside
+        it: of what is faint, play is what a clock or a length may imitate to within the noise.
         """
         pair = len(best.candidates) == SURE
+        if pair and not any(_is_picture(place) for c in best.candidates for place in c.places):
+            return best, last
         if self.search.followed < 1.0 or not 0.0 < self._gain(best) < (best.fitted.r.size if pair else FAINT):
             return best, last
         for family in sorted(PLAYS & set(families(self.without))):
@@ -336,4 +338,8 @@ class AbstractBeyondSmooth(AbstractStandards):
 
 def _in_the_picture(places: Mapping[str, float]) -> float:
     """Share of what is left that lies in markers and camera, which no effect of the mechanism could bear."""
-    return sum(share for place, share in places.items() if place == "camera" or place.startswith("marker:"))
+    return sum(share for place, share in places.items() if _is_picture(place))
+
+
+def _is_picture(place: str) -> bool:
+    return place == "camera" or place.startswith("marker:")

@@ -14,7 +14,7 @@ ROWS = 1000
 
 def cause(*names: str, chi2: float = ROWS, fraction: float = 1.0) -> Any:
     fitted = SimpleNamespace(chi2=chi2, fraction=fraction, r=SimpleNamespace(size=ROWS))
-    members = tuple(SimpleNamespace(name=n) for n in names)
+    members = tuple(SimpleNamespace(name=n, places=(n.partition(":")[2],)) for n in names)
     return SimpleNamespace(names=names, candidates=members, fitted=fitted)
 
 
@@ -45,10 +45,11 @@ def test_one_more_effect_is_asked_where_what_is_left_points_at_one(p, held_out, 
     [
         (("length_error:rod", "frame_rate_error:camera"), 0.5 * ROWS, ("clearance:j2", "camera_scale:camera")),
         (("length_error:rod", "frame_rate_error:camera"), 2.0 * ROWS, None),
+        (("length_error:rod", "mass_error:crank"), 0.5 * ROWS, None),
         (("length_error:rod",), 0.5 * beyond_smooth.FAINT, ("clearance:j2",)),
         (("length_error:rod",), 2.0 * beyond_smooth.FAINT, None),
     ],
-    ids=["a pair", "far beyond the noise", "one", "one that is not faint"],
+    ids=["a pair", "far beyond the noise", "not in the picture", "one", "one that is not faint"],
 )
 def test_play_is_asked_where_what_is_enough_may_imitate_it(monkeypatch, names, gain, found):
     climb: Any = object.__new__(Climb)
