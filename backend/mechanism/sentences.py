@@ -24,6 +24,8 @@ def sentences(error: ValidationError, raw: Any) -> list[str]:
     """One sentence for each fault; `raw` is the document, in which the parts' ids are looked up."""
     found: list[str] = []
     for record in error.errors(include_url=False):
+        if _counts_the_good_alone(record):
+            continue
         cause = record.get("ctx", {}).get("error")
         where = _where(record["loc"], raw)
         if isinstance(cause, DrawingError):
@@ -33,6 +35,16 @@ def sentences(error: ValidationError, raw: Any) -> list[str]:
             joined = " " if fault.startswith(("is ", "has ", "moves ")) else ": "
             found.append(f"{where}{joined}{fault}" if where else fault)
     return list(dict.fromkeys(found))
+
+
+def _counts_the_good_alone(record: Any) -> bool:
+    """Whether a list is called too short only because its faulty entries, which are told, were not counted."""
+    listed = record["input"]
+    return (
+        record["type"] == "too_short"
+        and isinstance(listed, list | tuple)
+        and len(listed) >= record["ctx"]["min_length"]
+    )
 
 
 def _where(location: tuple[int | str, ...], raw: Any) -> str:

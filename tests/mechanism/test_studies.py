@@ -362,6 +362,16 @@ def test_a_bad_study_is_refused_with_part_number_and_remedy(study, fault):
         assert term in str(refusal.value)
 
 
+@pytest.mark.parametrize("spoilt", [{"use": "test"}, {"overrides": {"s1": {"stiffness_n_per_m": True}}}])
+def test_the_fault_of_the_only_experiment_is_told_alone(study, spoilt):
+    with pytest.raises(DrawingError) as refusal:
+        study(experiment(**spoilt))
+    (problem,) = refusal.value.problems
+    assert 'experiment "e1"' in problem
+    with pytest.raises(DrawingError, match="experiments has 0 entries; it takes at least 1"):
+        study(lambda document, tables: document.update(experiments=[]))
+
+
 def test_faults_of_several_tables_are_listed_together(study):
     def spoil(document, tables):
         tables["t.csv"] += "0,toe,0,0,0,\n"
