@@ -18,6 +18,7 @@ from typing import Annotated, Any, Protocol
 import typer
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
+UNHEARD = 141  # how shells tell of a program whose reader went away: 128 and the number of SIGPIPE
 LINE_EVERY_S = 30.0
 
 Out = Annotated[Path | None, typer.Option(help="Folder for what the command writes.", file_okay=False)]
@@ -43,12 +44,18 @@ def answering(as_json: bool) -> Iterator[Callable[[Mapping[str, Any], str], None
     """Give the command a way to answer, and turn what it raises into a sentence and an exit code.
 
     Under --json the report alone reaches standard output: whatever scripts and engines print on the way goes
-    to standard error.
+    to standard error. A reader that has read enough (`| head -1`) ends the command without a word, its work done.
     """
-    stdout = sys.stdout
+    stdout, heard = sys.stdout, True
 
     def answer(report: Mapping[str, Any], text: str) -> None:
-        print(json.dumps(report, indent=1, ensure_ascii=False) if as_json else text, file=stdout, flush=True)
+        nonlocal heard
+        try:
+            print(json.dumps(report, indent=1, ensure_ascii=False) if as_json else text, file=stdout, flush=True)
+        except BrokenPipeError:
+            heard = False
+            # What stays in the buffer would break the pipe again when Python flushes it at the end.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stdout.fileno())
 
     try:
         with redirect_stdout(sys.stderr if as_json else stdout):
@@ -59,6 +66,8 @@ def answering(as_json: bool) -> Iterator[Callable[[Mapping[str, Any], str], None
         _end(error, BAD_INPUT)
     except OSError as error:
         _end(_unreachable(error), BAD_INPUT)
+    if not heard:
+        raise typer.Exit(UNHEARD)
 
 
 def _unreachable(error: OSError) -> str:

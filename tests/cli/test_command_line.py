@@ -96,6 +96,16 @@ def test_a_bad_drawing_is_refused_in_a_sentence_with_exit_code_2(drawing):
     assert "Traceback" not in done.stderr
 
 
+def test_a_reader_that_has_read_enough_ends_the_command_without_a_word(drawing):
+    command = [sys.executable, "-c", "from backend.cli import main; main()", "check", str(drawing)]
+    pipe = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert pipe.stdout is not None
+    pipe.stdout.close()  # before anything is said, as `| head -0` does
+    _, told = pipe.communicate(timeout=120)
+    assert told == ""
+    assert pipe.returncode == terminal.UNHEARD
+
+
 def test_a_name_is_no_path_out_of_the_outputfolder_for(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("four/bar", "../../up", "/root", "", ".."):
