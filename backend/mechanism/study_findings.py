@@ -1,5 +1,5 @@
-"""What stands out in a study that can be read: releases, windows, drives and tolerances that are likely slips, and
-numbers that are another unit's."""
+"""What stands out in a study that can be read: releases, windows, drives, tolerances and columns that are likely slips,
+records that stand twice, and numbers that are another unit's."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from backend.mechanism.findings import gravity_findings
 from backend.mechanism.joint import WITHOUT_COORDINATE
 from backend.mechanism.kinds import EffectKind
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.seen import reach_m
 from backend.mechanism.study import Experiment, Study, Tolerance
+from backend.mechanism.tracks import SHOWN
 from backend.mechanism.turns import TURN
 
 MANY_TURNS = 2.0  # to and fro: what swings so far in degrees does in an angle of seven
@@ -24,7 +26,8 @@ def study_findings(study: Study) -> list[str]:
     """Warnings that each name a part, its number and the remedy."""
     return [
         *gravity_findings(study.mechanism),
-        *(sentence for index, t in enumerate(study.tolerances, start=1) for sentence in _of_tolerance(index, t)),
+        *(s for index, t in enumerate(study.tolerances, start=1) for s in _of_tolerance(index, t, study.mechanism)),
+        *_of_shared_tables(study),
         *(
             f"experiment '{experiment.id}': {sentence}"
             for experiment in study.experiments
@@ -33,9 +36,11 @@ def study_findings(study: Study) -> list[str]:
     ]
 
 
-def _of_tolerance(index: int, tolerance: Tolerance) -> Iterator[str]:
+def _of_tolerance(index: int, tolerance: Tolerance, mechanism: Mechanism) -> Iterator[str]:
     kind = kind_named(tolerance.kind)
     if kind.name.endswith("_error") or kind.acts_on in ("world", "camera", "marker"):
+        if loose := _loose(kind, tolerance.sd, mechanism):
+            yield f'tolerance {index} ("{kind.name}"): sd is {loose}'
         return
     on = tolerance.on if isinstance(tolerance.on, str) else ", ".join(tolerance.on)
     yield (
@@ -45,9 +50,38 @@ def _of_tolerance(index: int, tolerance: Tolerance) -> Iterator[str]:
     )
 
 
+def _loose(kind: EffectKind, sd: float, mechanism: Mechanism) -> str | None:
+    """Why a spread leaves nothing of what was drawn, in the unit of the number that it is of."""
+    spec = next(spec for spec in kind.parameters.values() if not spec.by_name)
+    if spec.name == "relative" and sd >= 1.0:
+        return f"{sd:g}, {sd:.0%} of what is drawn; write a share: 2% is 0.02"
+    if spec.unit == "rad" and sd >= 1.0:
+        return f"{sd:g} rad, {np.degrees(sd):.3g} degrees; write rad: a degree is 0.0175"
+    if spec.unit == "m" and sd >= (reach := reach_m(mechanism)):
+        return f"{sd:g} m, and all parts measure {reach:.3g} m together; write m: 1 mm is 0.001"
+    return None
+
+
 def _numbers_of(kind: EffectKind, shown: int = 3) -> str:
     freed = [f"{spec.name} in {spec.unit}" for spec in kind.parameters.values() if not spec.by_name]
     return ", ".join(freed[:shown]) + (", ..." if len(freed) > shown else "")
+
+
+def _of_shared_tables(study: Study) -> Iterator[str]:
+    """Measurements that stand in several experiments, of which one at least is fitted."""
+    alike: dict[tuple[str, bytes], list[Experiment]] = {}
+    for experiment in study.experiments:
+        for name in ("tracks", "joint_positions"):
+            if (table := getattr(experiment, name)) is not None:
+                numbers = table.select_dtypes("number").to_numpy(float).tobytes()
+                alike.setdefault((name, numbers), []).append(experiment)
+    for (name, _), same in alike.items():
+        uses = {experiment.use for experiment in same}
+        if len(same) < 2 or "fit" not in uses:
+            continue
+        void = "what is held out was fitted, and tests nothing" if len(uses) > 1 else "they count as often in the fit"
+        who = ", ".join(f"'{experiment.id}' ({experiment.use})" for experiment in same[:SHOWN])
+        yield f"experiments {who} have the same {name}: {void}. Give each its own record, or leave out the others"
 
 
 def _of_experiment(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:

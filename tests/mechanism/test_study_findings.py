@@ -104,3 +104,29 @@ def test_a_tolerance_of_a_law_stands_out():
     loose = [Tolerance(kind="viscous_friction", on=("pin",), sd=0.01)]
     said = findings(tolerances=loose)
     the_one(said, 'tolerance 1 ("viscous_friction" on pin)', "sd 0.01", "N m s/rad", "--free viscous_friction:pin")
+
+
+@pytest.mark.parametrize(
+    ("kind", "on", "sd", "said"),
+    [
+        ("mass_error", ("link",), 2.0, "sd is 2, 200% of what is drawn; write a share: 2% is 0.02"),
+        ("joint_axis_error", ("pin",), 1.5, "sd is 1.5 rad, 85.9 degrees"),
+        ("center_of_mass_error", ("link",), 5.0, "sd is 5 m, and all parts measure 0.2 m together"),
+    ],
+)
+def test_a_tolerance_that_leaves_nothing_of_the_drawing_stands_out(kind, on, sd, said):
+    the_one(findings(tolerances=[Tolerance(kind=kind, on=on, sd=sd)]), f'tolerance 1 ("{kind}"): {said}')
+    assert findings(tolerances=[Tolerance(kind=kind, on=on, sd=0.02 * sd)]) == []
+
+
+def test_a_record_that_is_fitted_and_held_out_stands_out():
+    drawn, release = pendulum(), Release(time_s=0.5)
+
+    def told(*uses):
+        shots = [Experiment(f"e{i}", use, release, joint_positions=encoder()) for i, use in enumerate(uses, start=1)]
+        other = Experiment("other", "fit", release, joint_positions=encoder(0.4 * np.cos(7 * TIME)))
+        return study_findings(Study(drawn, (*shots, other)))
+
+    the_one(told("fit", "held_out"), "'e1' (fit), 'e2' (held_out) have the same joint_positions", "tests nothing")
+    the_one(told("fit", "fit"), "they count as often in the fit")
+    assert told("fit") == told("held_out", "held_out") == []

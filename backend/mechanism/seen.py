@@ -1,0 +1,116 @@
+"""Where the markers of a table are seen, beside where the drawing has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from backend.mechanism.constraints import body_index, drawn
+from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.tracks import PLACES
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+INSTANTS = 40
+
+
+@dataclass(frozen=True)
+class Series:
+    """One marker as it was seen. time_s: (n,), places_m: (n, 3) in W, NaN where not measured; drawn_m: in W, as drawn.
+
+    body: whose it is; "" for all that is fixed.
+    """
+
+    marker: str
+    body: str
+    drawn_m: np.ndarray
+    time_s: np.ndarray
+    places_m: np.ndarray
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(3,): coordinates that were measured; what repeats one number while others move was written for a plane."""
+        finite = np.isfinite(self.places_m).any(axis=0)
+        spread = np.array([np.ptp(x[np.isfinite(x)]) if np.isfinite(x).any() else 0.0 for x in self.places_m.T])
+        return finite & ((spread > 0.0) | (spread.max() == 0.0))
+
+    def at(self, time_s: np.ndarray) -> np.ndarray:
+        """Its places at some instants (k, 3), joined between samples; NaN in coordinates that were not measured."""
+        places = np.full((time_s.size, 3), np.nan)
+        for axis in np.flatnonzero(self.measured):
+            known = np.isfinite(self.places_m[:, axis])
+            places[:, axis] = np.interp(time_s, self.time_s[known], self.places_m[known, axis])
+        return places
+
+
+def seen(tracks: pd.DataFrame, mechanism: Mechanism) -> list[Series]:
+    """The markers of a table that were measured anywhere, in drawn order."""
+    stands, index = drawn(mechanism), body_index(mechanism)
+    names, times = tracks["marker"].to_numpy(str), tracks["time_s"].to_numpy(float)
+    places = tracks[list(PLACES)].to_numpy(float)
+    measured = np.isfinite(places).any(axis=1)
+    found = []
+    for marker in mechanism.markers:
+        rows = np.flatnonzero((names == marker.id) & measured)
+        if rows.size:
+            at = index[marker.body]
+            p_WM = stands.positions[at] + stands.rotations[at] @ np.array(marker.position_m)
+            body = "" if mechanism.bodies[at].fixed else marker.body
+            found.append(Series(marker.id, body, p_WM, times[rows], places[rows]))
+    return found
+
+
+def instants(series: list[Series]) -> np.ndarray:
+    """Evenly over the time in which all of them were seen; none where they were not seen together [s]."""
+    first = max((one.time_s[0] for one in series), default=0.0)
+    last = min((one.time_s[-1] for one in series), default=-1.0)
+    return np.linspace(first, last, INSTANTS) if first <= last else np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two markers of one body, and how far apart they are [m]: seen (the median) and drawn, in measured coordinates."""
+
+    one: Series
+    other: Series
+    seen_m: float
+    drawn_m: float
+
+
+def pairs(series: list[Series]) -> Iterator[Pair]:
+    """Markers of one body: whatever the mechanism does, their distance stays, but where they turn out of the plane of
+    two measured coordinates.
+    """
+    for one, other in combinations(series, 2):
+        axes = one.measured & other.measured
+        if one.body == other.body and axes.any() and (when := instants([one, other])).size:
+            apart = np.linalg.norm((one.at(when) - other.at(when))[:, axes], axis=1)
+            yield Pair(one, other, float(np.median(apart)), float(np.linalg.norm((one.drawn_m - other.drawn_m)[axes])))
+
+
+def reach_m(mechanism: Mechanism) -> float:
+    """What the parts measure together, each from end to end of its joints, markers and centre of mass [m]; all that is
+    fixed is one part.
+    """
+    stands, index = drawn(mechanism), body_index(mechanism)
+    fixed = {body.id for body in mechanism.bodies if body.fixed}
+    points: dict[str, list[np.ndarray]] = {}
+
+    def add(body: str, point: tuple[float, float, float]):
+        at = index[body]
+        in_W = stands.positions[at] + stands.rotations[at] @ np.array(point)
+        points.setdefault("" if body in fixed else body, []).append(in_W)
+
+    for joint in mechanism.joints:
+        add(joint.body_a, joint.frame_a.position_m)
+        add(joint.body_b, joint.frame_b.position_m)
+    for marker in mechanism.markers:
+        add(marker.body, marker.position_m)
+    for body in mechanism.moving_bodies():
+        add(body.id, body.moving_inertial().center_of_mass_m)
+    return sum(float(np.linalg.norm(np.ptp(np.array(its), axis=0))) for its in points.values())
