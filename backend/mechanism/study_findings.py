@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from backend.mechanism.columns import column_findings
 from backend.mechanism.effect import kind_named
 from backend.mechanism.findings import gravity_findings
 from backend.mechanism.joint import WITHOUT_COORDINATE
@@ -92,6 +93,8 @@ def _of_experiment(experiment: Experiment, mechanism: Mechanism) -> Iterator[str
     yield from _of_release(experiment, times)
     yield from _of_drives(experiment, float(times[-1]))
     yield from _of_angles(experiment, mechanism)
+    if experiment.tracks is not None:
+        yield from column_findings(experiment.tracks, mechanism)
 
 
 def _of_release(experiment: Experiment, times: np.ndarray) -> Iterator[str]:
