@@ -17,6 +17,7 @@ from backend.mechanism.seen import reach_m
 from backend.mechanism.study import Experiment, Study, Tolerance
 from backend.mechanism.tracks import SHOWN
 from backend.mechanism.turns import TURN
+from backend.mechanism.units import unit_findings
 
 MANY_TURNS = 2.0  # to and fro: what swings so far in degrees does in an angle of seven
 FEW_ROWS = 10  # below which a record is a list of what was switched, not sampled
@@ -93,6 +94,7 @@ def _of_experiment(experiment: Experiment, mechanism: Mechanism) -> Iterator[str
     yield from _of_release(experiment, times)
     yield from _of_drives(experiment, float(times[-1]))
     yield from _of_angles(experiment, mechanism)
+    yield from unit_findings(experiment, mechanism)
     if experiment.tracks is not None:
         yield from column_findings(experiment.tracks, mechanism)
 

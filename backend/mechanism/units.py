@@ -1,4 +1,4 @@
-"""Tables in another unit than the contract's: places in millimetres."""
+"""Tables in another unit than the contract's: places in centimetres, times in milliseconds, noise in millimetres."""
 
 from __future__ import annotations
 
@@ -7,48 +7,174 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.mechanism.columns import plane_axis
+from backend.mechanism.loops import connectivity
 from backend.mechanism.mechanism import Mechanism
-from backend.mechanism.tracks import PLACES
+from backend.mechanism.seen import Series, pairs, reach_m, seen
+from backend.mechanism.study import Experiment
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FAR = 100.0  # times all that the parts measure together: no mechanism reaches so far, and millimetres are a thousand
+WIDE = 5.0  # times the same, for a box around all that hangs on pins: its diagonal cannot be above 2 √3 of them
+SCALED = 10.0  # between drawn and seen: no drawing and no camera is off by so much
+ALIKE = 1.3  # by which pairs seen in one unit may differ in it
+LENGTHS = {"mm": 1000.0, "cm": 100.0, "inches": 1.0 / 0.0254}
+SELDOM_S = 1.0  # between samples: cameras and encoders that record a motion are quicker
+SLOW = 100.0  # times as long as a mechanism takes to fall by its own length: a swing of minutes on a table
+FEW = 10  # still frames that do not yet tell how far they scatter
+WIDER = 100.0  # noise as stated over what still frames show: who is cautious states three times as much
+BLIND = 0.02  # of what the parts measure together: who states so much noise sees no motion
 
 
 def far_tracks(tracks: pd.DataFrame, mechanism: Mechanism) -> Iterator[str]:
-    """A sentence where markers are seen so far from where they are drawn that their places can be in no metres."""
-    reach, bodies = reach_m(mechanism), {body.id: body.pose for body in mechanism.bodies}
-    drawn = {
-        marker.id: np.array(bodies[marker.body].position_m)
-        + bodies[marker.body].rotation() @ np.array(marker.position_m)
-        for marker in mechanism.markers
-    }
-    places = tracks[list(PLACES)].to_numpy(float)
-    measured = np.isfinite(places).any(axis=1)
-    if not measured.any() or not reach:
+    """A sentence where markers are seen so far from each other, or from where they are drawn, that their places can be
+    in no metres.
+    """
+    series, reach = seen(tracks, mechanism), reach_m(mechanism)
+    if series and reach:
+        for look in (_other_unit, _far_off, _over_wide):
+            if sentence := look(series, mechanism, reach):
+                yield sentence
+                return
+
+
+def _other_unit(series: list[Series], mechanism: Mechanism, reach: float) -> str | None:
+    """Distances on one body are in the drawing's proportions, and many times as large."""
+    told = [pair for pair in pairs(series) if pair.drawn_m > 1e-3 * reach]
+    ratios = np.array([pair.seen_m / pair.drawn_m for pair in told])
+    scale = float(np.median(ratios)) if told else 0.0
+    if scale < SCALED or not np.all((ratios < ALIKE * scale) & (ratios * ALIKE > scale)):
+        return None
+    far = max(told, key=lambda pair: pair.seen_m)
+    if far.seen_m < reach:  # names that were mixed up stay within the mechanism
+        return None
+    unit = next((name for name, size in LENGTHS.items() if abs(scale / size - 1.0) < 0.1), None)
+    remedy = f"these in {unit}: divide x_m, y_m and z_m by {LENGTHS[unit]:.4g}" if unit else "correct their unit"
+    others = f", as are all {len(told)} such pairs" if len(told) > 1 else ""
+    return (
+        f'markers "{far.one.marker}" and "{far.other.marker}" are seen {far.seen_m:.4g} m apart, and drawn '
+        f"{far.drawn_m:.4g} m apart on one body: {scale:.0f} times as far{others}; places are in m, {remedy}"
+    )
+
+
+def _far_off(series: list[Series], mechanism: Mechanism, reach: float) -> str | None:
+    away = [float(np.median(np.sqrt(np.nansum((one.places_m - one.drawn_m) ** 2, axis=1)))) for one in series]
+    if (most := max(away)) <= FAR * reach:
+        return None
+    return (
+        f'marker "{series[away.index(most)].marker}" is seen {most:.4g} m from where it is drawn (the median), '
+        f"{most / reach:.3g} times what all parts measure together, {reach:.3g} m; places are in m (1 mm is 0.001), "
+        "in the drawing's world frame"
+    )
+
+
+def _over_wide(series: list[Series], mechanism: Mechanism, reach: float) -> str | None:
+    """What pins hold to the ground reaches no farther than its parts; what slides, or flies, may go anywhere."""
+    pins = ("revolute", "fixed", "spherical", "universal")
+    if connectivity(mechanism).floating or any(joint.type not in pins for joint in mechanism.joints):
+        return None
+    sides = []
+    for column in np.transpose([_ends(one) for one in series], (2, 0, 1)):
+        known = column[np.isfinite(column)]
+        sides.append(float(np.ptp(known)) if known.size else 0.0)
+    width = float(np.linalg.norm(sides))
+    if width <= WIDE * reach:
+        return None
+    return (
+        f"its markers are seen over {width:.4g} m, {width / reach:.3g} times what all parts measure together, "
+        f"{reach:.3g} m, and pins hold them; places are in m (1 mm is 0.001, 1 cm 0.01)"
+    )
+
+
+def _ends(one: Series) -> np.ndarray:
+    """Between which places a marker stays, but for a twentieth of its samples on each side (2, 3) [m]."""
+    ends = np.full((2, 3), np.nan)
+    for axis, x in enumerate(one.places_m.T):
+        if np.isfinite(x).any():
+            ends[:, axis] = np.quantile(x[np.isfinite(x)], [0.05, 0.95])
+    return ends
+
+
+def unit_findings(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
+    """Warnings where times are likely in ms, and the noise of tracks in mm."""
+    yield from _slow(experiment, mechanism)
+    yield from _wide_noise(experiment, mechanism)
+
+
+def _slow(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
+    """Times in which nothing that gravity moves could take so long; or of which the release was not made one.
+
+    A record that shows a motion has its samples close to each other beside it: only the drawing tells what is slow.
+    """
+    widest = max(_recorded(experiment, mechanism), key=lambda found: found[3], default=None)
+    if widest is None:
         return
-    names, whose = np.unique(tracks["marker"].to_numpy(str)[measured], return_inverse=True)
-    off = places[measured] - np.array([drawn[name] for name in names])[whose]
-    away = np.sqrt(np.nansum(off**2, axis=1))[np.argsort(whose, kind="stable")]
-    far = [float(np.median(its)) for its in np.split(away, np.cumsum(np.bincount(whose))[:-1])]
-    most = max(far)
-    if most > FAR * reach:
+    where, time, x, _ = widest
+    interval, release = float(np.median(np.diff(time))), experiment.release.time_s
+    if interval < SELDOM_S:
+        return
+    remedy = "times are in s: divide time_s by 1000 where they are ms, and release.time_s where it is one of them"
+    rate = float(np.sqrt(np.mean((np.diff(x) / np.diff(time)) ** 2)))
+    takes, falls = float(np.std(x)) / rate if rate else 0.0, _falls_in_s(mechanism)
+    if falls and takes > SLOW * falls:
         yield (
-            f'marker "{names[far.index(most)]}" is seen {most:.4g} m from where it is drawn (the median), '
-            f"{most / reach:.3g} times what all parts measure together, {reach:.3g} m; places are in m (1 mm is "
-            "0.001), in the drawing's world frame"
+            f"{where} is sampled every {interval:.4g} s and moves in the course of {takes:.3g} s, {takes / falls:.3g} "
+            f"times as long as a mechanism so large takes to fall; {remedy}"
+        )
+    elif experiment.release.at_rest and 0.0 < release - time[0] < interval:
+        yield (
+            f"{where} is sampled every {interval:.4g} s, and release.time_s, {release:g} s, comes before its second "
+            f"sample: {remedy}"
         )
 
 
-def reach_m(mechanism: Mechanism) -> float:
-    """What the parts measure together, each from end to end of its joints, markers and centre of mass [m]."""
-    points: dict[str, list[tuple[float, float, float]]] = {body.id: [] for body in mechanism.bodies}
-    for joint in mechanism.joints:
-        points[joint.body_a].append(joint.frame_a.position_m)
-        points[joint.body_b].append(joint.frame_b.position_m)
-    for marker in mechanism.markers:
-        points[marker.body].append(marker.position_m)
-    for body in mechanism.moving_bodies():
-        points[body.id].append(body.moving_inertial().center_of_mass_m)
-    return sum(float(np.linalg.norm(np.ptp(np.array(its), axis=0))) for its in points.values() if its)
+def _recorded(experiment: Experiment, mechanism: Mechanism) -> Iterator[tuple[str, np.ndarray, np.ndarray, float]]:
+    """Each coordinate that was recorded: whose, its times [s], its values [m or rad], and how far they spread."""
+    tracks, joints = experiment.tracks, experiment.joint_positions
+    for one in [] if tracks is None else seen(tracks, mechanism):
+        for x in one.places_m.T[one.measured]:
+            known = np.isfinite(x)
+            if known.sum() > 1:
+                yield f'marker "{one.marker}"', one.time_s[known], x[known], float(np.std(x[known]))
+    for id, rows in [] if joints is None else joints.dropna(subset=["q"]).groupby("joint", sort=False):
+        if len(rows) > 1:
+            q = rows["q"].to_numpy(float)
+            yield f'joint "{id}"', rows["time_s"].to_numpy(float), q, float(np.std(q))
+
+
+def _falls_in_s(mechanism: Mechanism) -> float | None:
+    """sqrt(length / gravity); None where gravity may not be what moves it: across its plane, on slides alone, or where
+    a path is prescribed.
+    """
+    gravity = np.abs(np.array(mechanism.gravity_m_per_s2))
+    size, axis = float(np.linalg.norm(gravity)), plane_axis(mechanism)
+    led = any(effect.kind == "prescribed_motion" for effect in mechanism.effects)
+    turns = any(joint.type not in ("prismatic", "fixed") for joint in mechanism.joints)
+    if led or not turns or not size or (axis is not None and gravity[axis] > 0.9 * size):
+        return None
+    return float(np.sqrt(reach_m(mechanism) / size))
+
+
+def _wide_noise(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
+    """The first marker whose still frames belie what noise is stated: others will be like it."""
+    tracks = experiment.tracks
+    if tracks is None or not experiment.release.at_rest:
+        return
+    reach, release = reach_m(mechanism), experiment.release.time_s
+    names, sigmas = tracks["marker"].to_numpy(str), tracks["sigma_m"].to_numpy(float)
+    stills = tracks["time_s"].to_numpy(float) < release
+    for one in seen(tracks, mechanism):
+        stated = sigmas[stills & (names == one.marker)]
+        still = one.places_m[one.time_s < release]
+        if len(still) < FEW or not np.isfinite(stated).any():
+            continue
+        sigma = float(np.nanmedian(stated))
+        scatter = max((float(np.std(x[np.isfinite(x)])) for x in still.T if np.isfinite(x).any()), default=0.0)
+        if sigma > max(WIDER * scatter, BLIND * reach):
+            yield (
+                f'marker "{one.marker}" has sigma_m {sigma:.3g} m, and its {len(still)} still frames scatter by '
+                f"{scatter:.2g} m; where the former is in mm, divide it by 1000, or leave it empty to have it estimated"
+            )
+            return
