@@ -19,6 +19,7 @@ DENSEST_KG_PER_M3 = 1e9  # mass in g beside inertia in kg m² is 3e7 times too d
 THINNEST = 1e-2  # of its length: what is drawn as a plate or a line counts as so thick
 LARGE_M, TINY = 10.0, 1.0 / 300.0  # a span, and the share of it that a body's radius of gyration may have
 STRONG_M_PER_S2 = 1e3
+FAR_MARKER = 10.0  # times the size: a long pointer is a few
 WIDE_PLAY = 0.05  # of the size: half a millimetre in a mechanism as small as a matchbox is less
 MANY_TURNS = 2.0
 MOST = 1e100  # m²: farther apart, products of distances are infinite
@@ -31,7 +32,9 @@ def part_findings(mechanism: Mechanism, q: Mapping[str, float], size_m: float) -
     return [
         *(sentence for joint in mechanism.joints for sentence in _of_joint(joint, q, extent)),
         *_of_effects(mechanism, q, extent),
+        *_of_springs(mechanism, extent),
         *(sentence for body in mechanism.moving_bodies() for sentence in _of_body(mechanism, body, size_m)),
+        *_of_markers(mechanism, extent),
         *gravity_findings(mechanism),
     ]
 
@@ -95,6 +98,38 @@ def _of_effects(mechanism: Mechanism, q: Mapping[str, float], size_m: float) -> 
         yield from _many_turns(where, joint, low, high)
 
 
+def _of_springs(mechanism: Mechanism, size_m: float) -> Iterator[str]:
+    """Springs without a length as drawn, and so without a direction; one that is slack there needs none."""
+    ground = [body.id for body in mechanism.bodies if body.fixed]
+    for effect in mechanism.effects:
+        given = effect.parameters
+        if effect.kind != "extension_spring" or not (given.get("free_length_m") or given.get("preload_n")):
+            continue
+        bodies = [mechanism.body(id) for id in [*effect.on, *ground][:2]]
+        anchors = [np.array(given[f"anchor_{side}_m"]) for side in "ab"]
+        a, b = (
+            np.array(body.pose.position_m) + body.pose.rotation() @ anchor
+            for body, anchor in zip(bodies, anchors, strict=True)
+        )
+        if np.linalg.norm(a - b) <= 1e-6 * size_m:
+            point = ", ".join(f"{round(x, 9) + 0.0:.4g}" for x in a)
+            yield (
+                f'effect "{effect.id}": both its ends are drawn at one point, [{point}] m of the world, where its '
+                "force has no direction; anchor_a_m is in the first body's axes, anchor_b_m in the second's"
+            )
+
+
+def _of_markers(mechanism: Mechanism, size_m: float) -> Iterator[str]:
+    for marker in mechanism.markers:
+        body = mechanism.body(marker.body)
+        if not body.fixed and (away := _reach(mechanism, body, marker.position_m)) > FAR_MARKER * size_m:
+            yield (
+                f'marker "{marker.id}" is drawn {away:.4g} m from a joint of its body "{body.id}", '
+                f"{away / size_m:.3g} times the mechanism's size, {size_m:.3g} m; position_m is in m, from the body's "
+                "origin"
+            )
+
+
 def _many_turns(where: str, joint: Joint, *ends: object) -> Iterator[str]:
     far = max((abs(end) for end in ends if isinstance(end, float)), default=0.0)
     if joint.type != "prismatic" and far > MANY_TURNS * TURN:
@@ -119,7 +154,7 @@ def _of_body(mechanism: Mechanism, body: Body, size_m: float) -> Iterator[str]:
             f"{where}: its mass {inertial.mass_kg:.3g} kg and its inertia are those of a solid block {edges[2]:.3g} x "
             f"{edges[1]:.3g} x {edges[0]:.3g} m, {matter}; mass is in kg, inertia in kg m² (1 g mm² is 1e-9)"
         )
-    elif size_m > LARGE_M and edges[2] < TINY * (reach := _reach(mechanism, body, inertial)):
+    elif size_m > LARGE_M and edges[2] < TINY * (reach := _reach(mechanism, body, inertial.center_of_mass_m)):
         yield (
             f"{where}: its mass and inertia are those of a solid block {1e3 * edges[2]:.3g} mm long, but its joints "
             f"and its centre of mass are {reach:.3g} m apart; lengths are in m"
@@ -134,15 +169,15 @@ def _edges(inertial: Inertial) -> np.ndarray:
     return np.sqrt(12.0 * np.maximum(spread, THINNEST**2 * spread[-1]))
 
 
-def _reach(mechanism: Mechanism, body: Body, inertial: Inertial) -> float:
-    """From the centre of mass to the farthest joint [m]."""
+def _reach(mechanism: Mechanism, body: Body, point: tuple[float, float, float]) -> float:
+    """From a point of a body to the farthest of its joints [m]."""
     frames = [
         frame.position_m
         for joint in mechanism.joints
         for id, frame in ((joint.body_a, joint.frame_a), (joint.body_b, joint.frame_b))
         if id == body.id
     ]
-    return max((math.dist(inertial.center_of_mass_m, point) for point in frames), default=0.0)
+    return max((math.dist(point, at) for at in frames), default=0.0)
 
 
 def gravity_findings(mechanism: Mechanism) -> Iterator[str]:

@@ -33,6 +33,13 @@ def effect(kind, **parameters):
     return lambda document: document.setdefault("effects", []).append({**one, "on": [document["joints"][0]["id"]]})
 
 
+def spring(anchor_a_m, anchor_b_m, **more):
+    """From the crank, whose axes are drawn as the world's, to the ground."""
+    given = {"anchor_a_m": anchor_a_m, "anchor_b_m": anchor_b_m, "stiffness_n_per_m": 50.0, "free_length_m": 0.1}
+    one = {"id": "s", "kind": "extension_spring", "on": ["crank"], "parameters": given | more}
+    return lambda document: document.setdefault("effects", []).append(one)
+
+
 FOUND = {
     "inertia in g mm²": (scaled(inertia=1e9), ['body "crank"', "lighter than air", "1 g mm² is 1e-9"]),
     "inertia in kg mm²": (scaled(inertia=1e6), ['body "crank"', "lighter than air", "kg m²"]),
@@ -49,6 +56,16 @@ FOUND = {
         ['joint "A"', "90 rad", "14.3 turns"],
     ),
     "a stop in degrees": (effect("joint_stop", lower=-90, upper=90), ['effect "x"', "90 rad", "14.3 turns"]),
+    "a marker in mm": (
+        lambda document: document.setdefault("markers", []).append(
+            {"id": "knee", "body": "crank", "position_m": [20.0, 0.0, 0.0]}
+        ),
+        ['marker "knee" is drawn 20 m from a joint of its body "crank"', "times the mechanism's size", "in m"],
+    ),
+    "a spring with both its ends at one point": (
+        spring([0.02, 0.0, 0.0], [0.02, 0.0, 0.0]),
+        ['effect "s": both its ends are drawn at one point, [0.02, 0, 0] m', "no direction", "first body's axes"],
+    ),
     "drawn beyond a stop": (
         effect("joint_stop", lower=0.5, upper=1.0),
         ['effect "x": joint "A" is drawn at', "beyond the lower end 0.5 rad", "correct the end or the pose"],
@@ -73,3 +90,10 @@ def test_a_plate_a_line_and_a_balanced_rotor_are_no_finding(drawings):
         tensor = dict(zip(("xx", "yy", "zz"), moments, strict=True))
         document["bodies"][1]["inertial"] |= {"mass_kg": 0.05, "center_of_mass_m": [0, 0, 0], "inertia_kg_m2": tensor}
         assert describe(parse_mechanism(document)).warnings == ()
+
+
+def test_a_long_pointer_and_a_spring_that_is_slack_at_one_point_are_no_finding(drawings):
+    document = drawings.fourbar()
+    spring([0.02, 0, 0], [0.02, 0, 0], free_length_m=0.0)(document)
+    document["markers"] = [{"id": "pointer", "body": "crank", "position_m": [0.4, 0.0, 0.0]}]
+    assert describe(parse_mechanism(document)).warnings == ()
