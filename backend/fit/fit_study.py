@@ -276,5 +276,6 @@ def _misses(runs: Sequence[Run]):
         if run.found.rms > POSE_MISS:
             yield (
                 f"Experiment '{run.experiment.id}': no pose of the drawing explains its first samples "
-                f"(off by {run.found.rms:.2g} rad or mechanism lengths). Check lengths, marker names and axes."
+                f"(off by {run.found.rms:.2g} rad or mechanism lengths, {run.found.worst} the farthest). Check "
+                "lengths, marker names and axes."
             )

@@ -28,20 +28,38 @@ WELL = 0.05  # rad, or mechanism lengths: rms below which a pose explains what w
 
 
 @dataclass(frozen=True)
+class Miss:
+    """What is seen off a pose: where (`joint:j1`, `marker:tip`), and by how much in its unit (m or rad)."""
+
+    at: str
+    by: float
+    unit: str
+
+    def __str__(self) -> str:
+        what, _, id = self.at.partition(":")
+        return f'{what} "{id}" by ' + (f"{1e3 * self.by:.3g} mm" if self.unit == "m" else f"{self.by:.3g} rad")
+
+
+@dataclass(frozen=True)
 class Found:
-    """A start: closed reference pose, its free motions, rates along them, and whole turns of each column."""
+    """A start: closed reference pose, its free motions, rates along them, and whole turns of each column.
+
+    rms: of what is seen off the pose, in rad or mechanism lengths. worst: what of it is farthest off.
+    """
 
     reference: Pose
     motions: Float[np.ndarray, "slots 6 mobility"]
     rates: Float[np.ndarray, " mobility"]
     turns: Float[np.ndarray, " columns"]
     rms: float
+    worst: Miss
 
 
 @dataclass(frozen=True)
 class _Target:
     """What was seen at the release, one entry a channel; angle marks columns that repeat every turn."""
 
+    at: tuple[str, ...]
     column: Int[np.ndarray, " k"]
     start: tuple[ChannelStart, ...]
     angle: np.ndarray
@@ -58,6 +76,14 @@ class _Target:
     def miss(self, seen: np.ndarray) -> np.ndarray:
         miss = self.value - seen[self.column]
         return np.where(self.angle, (miss + np.pi) % (2 * np.pi) - np.pi, miss)
+
+    def worst(self, seen: np.ndarray) -> Miss:
+        """The marker or joint that is seen farthest off, for its size; a marker over all its coordinates."""
+        miss, places = self.miss(seen), np.array(self.at)
+        shares = {at: float(np.linalg.norm((miss / self.size)[places == at])) for at in self.at}
+        at = max(shares, key=lambda at: shares[at])
+        its = places == at
+        return Miss(at, float(np.linalg.norm(miss[its])), "rad" if self.angle[its].any() else "m")
 
 
 def find_start(model: Model, data: Measured, release: Release) -> Found:
@@ -91,7 +117,7 @@ def find_start(model: Model, data: Measured, release: Release) -> Found:
     turns = np.zeros(seen.size + len(model.topology.joint_ids))
     gap = target.value - seen[target.column]
     turns[target.column[target.angle]] = 2 * np.pi * np.round(gap[target.angle] / (2 * np.pi))
-    return Found(pose, motions, np.zeros_like(rates) if release.at_rest else rates, turns, rms)
+    return Found(pose, motions, np.zeros_like(rates) if release.at_rest else rates, turns, rms, target.worst(seen))
 
 
 def _target(model: Model, data: Measured, release: Release) -> _Target:
@@ -108,7 +134,7 @@ def _target(model: Model, data: Measured, release: Release) -> _Target:
     turning = np.array([t != "prismatic" for t in model.topology.joint_types], bool)
     angle = np.array([c < joints and turning[c] for c in column], bool)
     size = np.where(angle, 1.0, model.scale.length_m)
-    return _Target(column, tuple(starts), angle, size)
+    return _Target(tuple(data.channels[i].at for i in posing), column, tuple(starts), angle, size)
 
 
 @jax.jit

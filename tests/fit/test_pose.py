@@ -1,5 +1,7 @@
 """Where experiments begin: found from their first samples, also where one of those is wild."""
 
+from types import SimpleNamespace
+
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -7,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from backend.fit import pose
+from backend.fit.fit_study import _misses
 from backend.fit.measured import measured
-from backend.fit.pose import LONGEST, WELL, find_start
+from backend.fit.pose import LONGEST, WELL, Miss, find_start
 from backend.fit.prediction import look
 from backend.mechanism.study import Experiment, Release
 from backend.model.build import build
@@ -84,6 +87,16 @@ def test_a_search_goes_on_from_elsewhere_where_far_at_once_attitudes_are_lost(gy
     found = start_of(gyroscope, paths)
     assert WELL < found.rms < 1.0
     assert np.isfinite(found.reference.quaternion).all()
+
+
+def test_a_start_that_no_pose_explains_names_what_is_farthest_off(gyroscope):
+    paths = filmed((0.4, -0.3, 0.8))
+    paths["in"] = 1.4 * paths["in"]  # 30 mm farther out than its ring
+    found = start_of(gyroscope, paths)
+    run = SimpleNamespace(found=found, experiment=SimpleNamespace(id="e1"))
+    (said,) = _misses([run])  # type: ignore[list-item]
+    assert 'rad or mechanism lengths, marker "in" by 30' in said
+    assert str(Miss("joint:pin", 0.5, "rad")) == 'joint "pin" by 0.5 rad'
 
 
 def test_a_drawing_that_cannot_be_closed_says_so(gyroscope, monkeypatch):
