@@ -2,6 +2,8 @@
 
 import json
 import time
+from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -10,8 +12,9 @@ import pytest
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.fit_report import FitReport
 from backend.mechanism.jam_report import run_folder
+from backend.mechanism.joint import JointType
 from backend.mechanism.read import parse, parse_mechanism, parse_study, read_study
-from backend.mechanism.study import StudyFile, study_problems
+from backend.mechanism.study import ExperimentFile, Release, StudyFile, Tolerance, study_problems
 from backend.mechanism.tracks import read_table
 from tests.mechanisms import bead_on_bar, document, effect, fourbar, pendulum
 
@@ -471,3 +474,11 @@ def test_a_table_of_many_repeated_columns_is_refused_at_once(study):
     with pytest.raises(DrawingError, match="column c0, c1, c10, c100, c1000 and 99995 more stands twice"):
         study(table("q.csv", f"{names},{names}\n"))
     assert time.process_time() - began < 5.0  # counted one by one: an hour
+
+
+def test_the_page_names_every_field_of_an_experiment_every_joint_type_and_the_list_of_effects():
+    page = (Path(__file__).parents[2] / "docs" / "mechanism.md").read_text("utf-8")
+    fields = [*ExperimentFile.model_fields, *Release.model_fields, *Tolerance.model_fields]
+    assert [name for name in fields if f"`{name}`" not in page and f'"{name}"' not in page] == []
+    assert [name for name in get_args(JointType) if f"\n| {name} |" not in page] == []
+    assert "[effects.md](effects.md)" in page  # written from the declarations, all parameters of all kinds
