@@ -127,6 +127,18 @@ def test_every_hinge_of_a_scissor_that_turns_alike_may_hold_the_friction(linkage
     assert alike == {(hinge,) for hinge in hinges} | {hinges}
 
 
+def test_a_spring_may_be_at_every_hinge_of_a_scissor_wherever_it_rests(sprung):
+    rig, starts = sprung
+    witness = Witness(rig.linkage, starts, RECORD, NOISE)
+    made = cause(rig, "torsion_spring", 0, 0.05, np.random.default_rng(3))
+    assert made is not None
+    assert abs(made.changes[1].value) > 0.1 * made.changes[0].value  # it rests away from the drawn pose
+    far = confusion(witness, made, rivals_of(rig, [made]), as_drawn(rig.linkage), 1e4)
+    hinges = {(rig.linkage.pins[i].id,) for i in places(rig.linkage, "hinge")}
+    assert hinges <= {rival.on for rival in far.alike if rival.kind == "torsion_spring"}
+    assert not any(rival.kind == "effort_offset" for rival in far.alike)
+
+
 def test_a_slide_along_a_spring_rubs_as_the_spring_is_damped(sprung):
     rig, starts = sprung
     witness = Witness(rig.linkage, starts, RECORD, NOISE)

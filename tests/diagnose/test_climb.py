@@ -282,13 +282,13 @@ def test_play_is_asked_of_a_faint_gap_that_something_smooth_explains(monkeypatch
     found: list[str] = []
     play = SimpleNamespace(names=("clearance:j1",))
     search = climb.search = SimpleNamespace(subject=None, tried={}, followed=1.0)
-    monkeypatch.setattr(module, "switching", lambda search, baseline, family, motion, best: [play])
+    monkeypatch.setattr(module, "switching", lambda search, baseline, family, motion, best, taken: [play])
     monkeypatch.setattr(climb, "_cancelled", lambda: False)
     monkeypatch.setattr(climb, "_search_of", lambda family: found.append(family) or search)
     monkeypatch.setattr(climb, "_likelier", lambda cause, best: True)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
     monkeypatch.setattr(module, "families", lambda without: {module.SMOOTH, "clearance", "joint_stop"})
-    best: Any = SimpleNamespace(fitted=SimpleNamespace(chi2=1000.0 - gain))
+    best: Any = SimpleNamespace(candidates=(None,), fitted=SimpleNamespace(chi2=1000.0 - gain))
     assert climb._or_play(best, "enough") == ((play, "judged") if asked else (best, "enough"))
     assert found == asked
     assert list(search.tried) == [play.names] * len(asked)

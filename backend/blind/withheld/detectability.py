@@ -95,7 +95,7 @@ def rivals_of(rig: Rig, truth: Sequence[Cause], left_out: Sequence[str] = ()) ->
             close = name in kinds or bool(near & set(where)) or name in EVERYWHERE
             close = close or (pictured and k.at in IN_A_PICTURE)
             if close or not truth or k.at in ("world", "camera", "spring"):
-                found.append(Rival(name, on, where, _directions(rig, name, i), k.signed))
+                found.append(Rival(name, on, where, _directions(rig, name, i, own=name in kinds), k.signed))
         if name in EVERYWHERE and truth:
             found += _together(rig, name)
     return found
@@ -129,8 +129,10 @@ def _together(rig: Rig, name: str) -> list[Rival]:
     return found
 
 
-def _directions(rig: Rig, name: str, i: int) -> tuple[tuple[Change, ...], ...]:
-    """Small changes, one set per number that the cause leaves free."""
+def _directions(rig: Rig, name: str, i: int, own: bool = False) -> tuple[tuple[Change, ...], ...]:
+    """Small changes, one set per number that the cause leaves free. own: of the truth's kind, whose spring may rest
+    anywhere, as the truth's does; any other would be an offset with it.
+    """
     if name in PLANAR:
         step = 1e-4 * rig.linkage.size
         return tuple((Change(PLANAR[name], i, step * way),) for way in (1 + 0j, 1j))
@@ -139,6 +141,8 @@ def _directions(rig: Rig, name: str, i: int) -> tuple[tuple[Change, ...], ...]:
     k = KINDS[name]
     made = k.build(rig, i, SMALL * k.low, np.random.default_rng(0))
     changes = made[1] if made else []
+    if own and name == "torsion_spring":
+        return tuple((change,) for change in changes)
     return (tuple(changes[:1]),)
 
 
