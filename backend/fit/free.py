@@ -15,13 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from backend.mechanism.apart import at_each_place, is_mixed, set_apart
+from backend.mechanism.constraints import drawn
 from backend.mechanism.drawing_error import known
 from backend.mechanism.effect import Effect, ParameterValue, kind_named
 from backend.mechanism.found_contacts import contacts_declared
 from backend.mechanism.joint import WITHOUT_COORDINATE, Joint
 from backend.mechanism.kinds import EffectKind, ParameterSpec
 from backend.mechanism.mechanism import Mechanism
-from backend.mechanism.mobility import plane_normal
+from backend.mechanism.mobility import joint_axes, plane_normal
 from backend.mechanism.study import Tolerance
 
 Address = tuple[str, str]
@@ -254,8 +255,7 @@ class _Reader:
         """Normal of the plane of motion in the axes of a body, or of the world; None without such a plane."""
         m = self.mechanism
         bodies = {b.id: b.pose.rotation() for b in m.bodies}
-        axes = np.array([bodies[j.body_a] @ j.frame_a.rotation()[:, 2] for j in m.joints])
-        normal = plane_normal(list(m.joints), axes)
+        normal = plane_normal(list(m.joints), joint_axes(m, list(m.joints), drawn(m)))
         if normal is None or kind.acts_on == "world":
             return normal
         return bodies[place].T @ normal if kind.acts_on == "body" and place in bodies else None

@@ -108,5 +108,4 @@ def _pin(mechanism: Mechanism, joint: Joint, body: str) -> np.ndarray:
     """The joint's origin in W as `body` has it drawn; any fixed body stands for the ground."""
     is_a = joint.body_a == body or (joint.body_b != body and mechanism.body(joint.body_a).fixed)
     owner, frame = (joint.body_a, joint.frame_a) if is_a else (joint.body_b, joint.frame_b)
-    pose = mechanism.body(owner).pose
-    return np.array(pose.position_m) + pose.rotation() @ np.array(frame.position_m)
+    return mechanism.body(owner).pose.place(frame.position_m)

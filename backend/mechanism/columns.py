@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.mechanism.constraints import body_index, drawn
+from backend.mechanism.constraints import drawn
 from backend.mechanism.loops import connectivity
 from backend.mechanism.mechanism import Mechanism
-from backend.mechanism.mobility import plane_normal
+from backend.mechanism.mobility import joint_axes, plane_normal
 from backend.mechanism.seen import Series, instants, reach_m, seen
 from backend.mechanism.tracks import PLACES
 
@@ -41,9 +41,7 @@ def plane_axis(mechanism: Mechanism) -> int | None:
     joints = list(mechanism.joints)
     if any(joint.type == "cylindrical" for joint in joints):
         return None
-    stands, index = drawn(mechanism), body_index(mechanism)
-    axes = [stands.rotations[index[joint.body_a]] @ joint.frame_a.rotation()[:, 2] for joint in joints]
-    normal = plane_normal(joints, np.array(axes).reshape(-1, 3))
+    normal = plane_normal(joints, joint_axes(mechanism, joints, drawn(mechanism)))
     # A row of slides has no axis of its own: any normal to them would do.
     if normal is None or all(joint.type in ("prismatic", "fixed") for joint in joints):
         return None
@@ -116,7 +114,6 @@ def _in_a_mirror(series: list[Series], mechanism: Mechanism, axis: int | None, r
 
 def _bodies(series: list[Series], mechanism: Mechanism, axis: int | None, reach: float) -> dict[str, list[Series]]:
     """Moving body -> what is seen of it: its markers, its pivots on the ground, and markers that sit on its pins."""
-    stands, index = drawn(mechanism), body_index(mechanism)
     fixed = {body.id for body in mechanism.bodies if body.fixed}
     found: dict[str, list[Series]] = {}
     for one in series:
@@ -125,8 +122,7 @@ def _bodies(series: list[Series], mechanism: Mechanism, axis: int | None, reach:
         if joint.type not in ("revolute", "spherical", "universal"):
             continue
         sides = ["" if body in fixed else body for body in (joint.body_a, joint.body_b)]
-        at = index[joint.body_a]
-        p_WJ = stands.positions[at] + stands.rotations[at] @ np.array(joint.frame_a.position_m)
+        p_WJ = mechanism.body(joint.body_a).pose.place(joint.frame_a.position_m)
         for here, there in (sides, sides[::-1]):
             if there == "":
                 found.setdefault(here, []).append(Series(joint.id, here, p_WJ, np.zeros(0), p_WJ[None]))

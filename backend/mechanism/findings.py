@@ -106,11 +106,7 @@ def _of_springs(mechanism: Mechanism, size_m: float) -> Iterator[str]:
         if effect.kind != "extension_spring" or not (given.get("free_length_m") or given.get("preload_n")):
             continue
         bodies = [mechanism.body(id) for id in [*effect.on, *ground][:2]]
-        anchors = [np.array(given[f"anchor_{side}_m"]) for side in "ab"]
-        a, b = (
-            np.array(body.pose.position_m) + body.pose.rotation() @ anchor
-            for body, anchor in zip(bodies, anchors, strict=True)
-        )
+        a, b = (body.pose.place(np.array(given[f"anchor_{side}_m"])) for body, side in zip(bodies, "ab", strict=True))
         if np.linalg.norm(a - b) <= 1e-6 * size_m:
             point = ", ".join(f"{round(x, 9) + 0.0:.4g}" for x in a)
             yield (

@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from backend.mechanism.constraints import drawn
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.effect import Effect
 from backend.mechanism.mechanism import FOUND, Mechanism
-from backend.mechanism.mobility import plane_normal
+from backend.mechanism.mobility import joint_axes, plane_normal
 from backend.mechanism.part import Part
 
 MOST_PAIRS = 200  # each costs 10 µs a step
@@ -102,8 +103,8 @@ def _found(mechanism: Mechanism, effect: Effect) -> tuple[FoundContacts, dict[st
 
 def _links(mechanism: Mechanism, effect: Effect) -> list[Link]:
     poses = {body.id: (np.array(body.pose.position_m), body.pose.rotation()) for body in mechanism.bodies}
-    axes = np.array([poses[j.body_a][1] @ j.frame_a.rotation()[:, 2] for j in mechanism.joints]).reshape(-1, 3)
-    normal = plane_normal(list(mechanism.joints), axes)
+    joints = list(mechanism.joints)
+    normal = plane_normal(joints, joint_axes(mechanism, joints, drawn(mechanism)))
     given = [
         np.asarray(effect.parameters[name], float) for name in ("radius_a_m", "radius_b_m") if name in effect.parameters
     ]

@@ -18,7 +18,7 @@ from backend.mechanism.closure import (
     gaps,
     too_long,
 )
-from backend.mechanism.constraints import JointGap, Placement, body_index, drawn, size_m
+from backend.mechanism.constraints import JointGap, drawn, size_m
 from backend.mechanism.drawing_error import DrawingError
 from backend.mechanism.findings import part_findings
 from backend.mechanism.found_contacts import FoundContacts, found_contacts
@@ -28,6 +28,7 @@ from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.mobility import (
     count_in_plane,
     count_in_space,
+    joint_axes,
     plane_normal,
     rank_at,
     redundant_by_joint,
@@ -110,7 +111,7 @@ def describe(mechanism: Mechanism) -> GraphReport:
     assembly = assemble(mechanism, joints, length)
     moved = assembly.closed and not _all_closed(opened)
     placement = assembly.placement if assembly.closed else at_drawing
-    normal = plane_normal(joints, _axes(mechanism, joints, placement))
+    normal = plane_normal(joints, joint_axes(mechanism, joints, placement))
     rank = rank_at(mechanism, joints, placement, length)
     errors, warnings = _closure_findings(mechanism, graph, opened, assembly, normal, length)
     warnings += _graph_findings(mechanism, graph) + part_findings(mechanism, q, length)
@@ -157,12 +158,6 @@ def _tree_first(mechanism: Mechanism, graph: Connectivity) -> list[Joint]:
     by_id = {joint.id: joint for joint in mechanism.joints}
     rest = [id for id in by_id if id not in graph.tree and id not in graph.idle]
     return [by_id[id] for id in (*graph.tree, *rest)]
-
-
-def _axes(mechanism: Mechanism, joints: list[Joint], placement: Placement) -> np.ndarray:
-    index = body_index(mechanism)
-    axes = [placement.rotations[index[joint.body_a]] @ joint.frame_a.rotation()[:, 2] for joint in joints]
-    return np.array(axes).reshape(-1, 3)
 
 
 def _begins(mechanism: Mechanism, opened: dict[str, JointGap]) -> dict[str, float]:

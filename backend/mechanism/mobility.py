@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backend.mechanism.constraints import Placement, jacobian, rows
+from backend.mechanism.constraints import Placement, body_index, jacobian, rows
 from backend.mechanism.joint import Joint
 from backend.mechanism.mechanism import Mechanism
 
@@ -108,6 +108,13 @@ def binding_joints(mechanism: Mechanism, placement: Placement, length: float) ->
 def count_in_space(mechanism: Mechanism, joints: list[Joint]) -> int:
     """Kutzbach's count in 3-D: six for each moving body, less the rows of the joints."""
     return 6 * len(mechanism.moving_bodies()) - sum(rows(joint) for joint in joints)
+
+
+def joint_axes(mechanism: Mechanism, joints: list[Joint], placement: Placement) -> np.ndarray:
+    """The joints' axes as their first bodies stand (joints, 3), in W."""
+    index = body_index(mechanism)
+    axes = [placement.rotations[index[joint.body_a]] @ joint.frame_a.rotation()[:, 2] for joint in joints]
+    return np.array(axes).reshape(-1, 3)
 
 
 def plane_normal(joints: list[Joint], axes: np.ndarray) -> np.ndarray | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
@@ -53,6 +54,10 @@ class Pose(Part):
                 [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
             ]
         )
+
+    def place(self, point: Sequence[float] | np.ndarray) -> np.ndarray:
+        """A point of the frame (3,), in the parent's coordinates."""
+        return np.array(self.position_m) + self.rotation() @ np.array(point)
 
 
 class Frame(Pose):

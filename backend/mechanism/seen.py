@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.mechanism.constraints import body_index, drawn
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.tracks import PLACES
 
@@ -50,7 +49,6 @@ class Series:
 
 def seen(tracks: pd.DataFrame, mechanism: Mechanism) -> list[Series]:
     """The markers of a table that were measured anywhere, in drawn order."""
-    stands, index = drawn(mechanism), body_index(mechanism)
     names, times = tracks["marker"].to_numpy(str), tracks["time_s"].to_numpy(float)
     places = tracks[list(PLACES)].to_numpy(float)
     measured = np.isfinite(places).any(axis=1)
@@ -58,10 +56,9 @@ def seen(tracks: pd.DataFrame, mechanism: Mechanism) -> list[Series]:
     for marker in mechanism.markers:
         rows = np.flatnonzero((names == marker.id) & measured)
         if rows.size:
-            at = index[marker.body]
-            p_WM = stands.positions[at] + stands.rotations[at] @ np.array(marker.position_m)
-            body = "" if mechanism.bodies[at].fixed else marker.body
-            found.append(Series(marker.id, body, p_WM, times[rows], places[rows]))
+            body = mechanism.body(marker.body)
+            p_WM = body.pose.place(marker.position_m)
+            found.append(Series(marker.id, "" if body.fixed else body.id, p_WM, times[rows], places[rows]))
     return found
 
 
@@ -97,14 +94,12 @@ def reach_m(mechanism: Mechanism) -> float:
     """What the parts measure together, each from end to end of its joints, markers and centre of mass [m]; all that is
     fixed is one part.
     """
-    stands, index = drawn(mechanism), body_index(mechanism)
-    fixed = {body.id for body in mechanism.bodies if body.fixed}
+    bodies = {body.id: body for body in mechanism.bodies}
     points: dict[str, list[np.ndarray]] = {}
 
     def add(body: str, point: tuple[float, float, float]):
-        at = index[body]
-        in_W = stands.positions[at] + stands.rotations[at] @ np.array(point)
-        points.setdefault("" if body in fixed else body, []).append(in_W)
+        its = bodies[body]
+        points.setdefault("" if its.fixed else body, []).append(its.pose.place(point))
 
     for joint in mechanism.joints:
         add(joint.body_a, joint.frame_a.position_m)

@@ -19,8 +19,7 @@ def camera(mechanism: Mechanism, axis: Float[Array, "3"]) -> Camera:
     points += [(j.body_b, j.frame_b.position_m) for j in mechanism.joints]
     points += [(m.body, m.position_m) for m in mechanism.markers]
     points += [(b.id, b.inertial.center_of_mass_m) for b in mechanism.bodies if b.inertial]
-    poses = [(mechanism.body(id_).pose, np.array(point)) for id_, point in points]
-    seen = np.array([np.array(pose.position_m) + pose.rotation() @ point for pose, point in poses])
+    seen = np.array([mechanism.body(id_).pose.place(point) for id_, point in points])
     low, high = seen.min(0), seen.max(0)
     sight, gravity = np.asarray(axis), np.array(mechanism.gravity_m_per_s2, dtype=float)
     fall = gravity - (gravity @ sight) * sight

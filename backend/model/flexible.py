@@ -198,6 +198,5 @@ def _held_at(effect: Effect, mechanism: Mechanism, cuts: dict[str, Cut]) -> tupl
             )
     if 0 in where and 1 not in where and len(effect.on) == 2:  # both bodies are held at one point of space
         first, second = (mechanism.body(id_).pose for id_ in effect.on)
-        p_WP = np.array(first.position_m) + first.rotation() @ where[0]
-        where[1] = second.rotation().T @ (p_WP - np.array(second.position_m))
+        where[1] = second.rotation().T @ (first.place(where[0]) - np.array(second.position_m))
     return tuple(_half(id_, where[i], cuts) if i in where else id_ for i, id_ in enumerate(effect.on))

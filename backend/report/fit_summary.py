@@ -125,5 +125,4 @@ def seen_markers(study: Study, experiment: str) -> tuple[np.ndarray, dict[str, n
 def _as_drawn(study: Study, marker: str) -> np.ndarray:
     """Where a marker is as drawn, in W [m]."""
     drawn = study.mechanism.marker(marker)
-    body = study.mechanism.body(drawn.body)
-    return np.array(body.pose.position_m) + body.pose.rotation() @ np.array(drawn.position_m)
+    return study.mechanism.body(drawn.body).pose.place(drawn.position_m)
