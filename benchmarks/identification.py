@@ -41,7 +41,7 @@ CELLS, RATE_HZ, STILL = 10, 240.0, 12
 RADIAL_M, FRICTION = 1e-3, 0.01
 LEAST_SIGMA_M = 1e-7  # what noise-free samples are said to be good for
 NODES_S = 1e-3  # of what engines record
-SPRINGS = (50.0, 25.0, 100.0)  # N/m, of one load and of three
+SPRINGS = (50.0, 25.0, 100.0, 70.0, 35.0)  # N/m, of one load, of three and of five
 SOFT_N_PER_M = 1e6  # MuJoCo's loose pins rub on soft walls alone; the drawing says how soft
 FORMS = {
     "contact": ("clearance:play.radial_m", "clearance:play.friction_coefficient"),
@@ -73,6 +73,7 @@ class Case:
     loads: int = 1
     steps: int = 200
     step_s: float = 1e-3
+    cells: int = CELLS
     stiffness_n_per_m: float | None = None
     untold: tuple[str, float] | None = None
     """Of the real walls alone."""
@@ -92,7 +93,7 @@ def drawn(
     case: Case, radial_m: float, friction: float, spring_n_per_m: float = SPRINGS[0], real: bool = False
 ) -> Mechanism:
     """The scissor with play, friction in one of two forms, markers at both ends of every second bar."""
-    document = scissor(CELLS, spring_n_per_m=spring_n_per_m).model_dump(mode="json", exclude_none=True)
+    document = scissor(case.cells, spring_n_per_m=spring_n_per_m).model_dump(mode="json", exclude_none=True)
     pins = [joint["id"] for joint in document["joints"] if joint["type"] == "revolute"]
     loose = pins if case.loose == "all" else [case.loose]
     play: dict[str, Any] = {"radial_m": radial_m}
@@ -108,7 +109,7 @@ def drawn(
     document["effects"].append({"id": "play", "kind": "clearance", "on": loose, "parameters": play})
     document["markers"] = [
         {"id": f"{bar}{i}{side}", "body": f"{bar}{i}", "position_m": [sign * 0.45 * LENGTH_M, 0.0, 0.0]}
-        for i in range(0, CELLS, 2)
+        for i in range(0, case.cells, 2)
         for bar in ("a", "b")
         for side, sign in (("l", -1.0), ("r", 1.0))
     ]

@@ -269,6 +269,7 @@ def _candidates(
         family = family_of(catalogue()[kind])
         binds = binding if _redraws_a_joint(catalogue()[kind]) else frozenset()
         own_late = {i: start for i, start in late.items() if parameters[i].kind == kind}
+        own_unstated = [i for i in unstated if parameters[i].kind == kind]
         at: dict[tuple[str, ...], list[int]] = {}
         for i, p in enumerate(parameters):
             if p.kind == kind and p.prior_sd is not None and i not in late and not binds & set(p.on):
@@ -282,12 +283,12 @@ def _candidates(
                 worth = tuple(tries[i] for i in each)
                 places, reach = _places(mechanism, kind, on), _reach(mechanism, kind, on)
                 made = Candidate(kind, on, places, reach, own, takes, family, worth, len(far) > 1)
-                rest = [i for i, p in enumerate(parameters) if p.kind == kind and p.on == on and i in unstated]
-                shape = {(i,): start for i, start in own_late.items() if parameters[i].on == on}
-                closer = _closer(made, parameters, {i: unstated[i] for i in rest})
+                rest = {take: unstated[take[0]] for take in _alike_at([on], own_unstated, parameters)}
+                shape = {take: own_late[take[0]] for take in _alike_at([on], own_late, parameters)}
+                closer = _closer(made, parameters, rest)
                 yield replace(made, closer=closer + _shaped(made, parameters, shape))
         effect = catalogue()[kind]
-        if len(at) < 2 or not effect.shared or family not in (SMOOTH, LOAD) or effect.acts_on in ("world", "camera"):
+        if len(at) < 2 or not effect.shared or effect.acts_on in ("world", "camera"):
             continue
         alike: dict[tuple[str, ...], dict[tuple[float, ...], list[tuple[str, ...]]]] = {}
         for on, rows in at.items():
@@ -304,15 +305,21 @@ def _candidates(
             own = tuple(replace(parameters[t[0]], label=label) for t in takes)
             worth = tuple(tries[t[0]] for t in takes)
             places, reach = _places(mechanism, kind, everywhere), _reach(mechanism, kind, everywhere)
-            made = Candidate(kind, everywhere, places, reach, own, takes, family, worth, len(several) > 1)
-            shape: dict[tuple[int, ...], float] = {}
-            for name in dict.fromkeys(parameters[i].parameter for i in own_late):
-                take = tuple(
-                    i for on in ons for i in own_late if (parameters[i].on, parameters[i].parameter) == (on, name)
-                )
-                shape |= {take: own_late[take[0]]} if take else {}
-            made = replace(made, label=label)
-            yield replace(made, closer=_shaped(made, parameters, shape))
+            made = Candidate(kind, everywhere, places, reach, own, takes, family, worth, len(several) > 1, label=label)
+            rest = {take: unstated[take[0]] for take in _alike_at(ons, own_unstated, parameters)}
+            shape = {take: own_late[take[0]] for take in _alike_at(ons, own_late, parameters)}
+            yield replace(made, closer=_closer(made, parameters, rest) + _shaped(made, parameters, shape))
+
+
+def _alike_at(
+    ons: Sequence[tuple[str, ...]], rows: Iterable[int], parameters: Sequence[FreeParameter]
+) -> Iterator[tuple[int, ...]]:
+    """Of these rows those that are at these places, one number after the other, each of all places together."""
+    named: dict[str, list[int]] = {}
+    for on in ons:
+        for i in (i for i in rows if parameters[i].on == on):
+            named.setdefault(parameters[i].parameter, []).append(i)
+    return (tuple(take) for take in named.values())
 
 
 def _redraws_a_joint(effect: type[AbstractEffect]) -> bool:
@@ -338,21 +345,24 @@ def _around(p: FreeParameter, row: ParameterRow) -> list[tuple[float, float]]:
 
 
 def _closer(
-    made: Candidate, parameters: Sequence[FreeParameter], unstated: Mapping[int, Sequence[tuple[float, float]]]
+    made: Candidate,
+    parameters: Sequence[FreeParameter],
+    unstated: Mapping[tuple[int, ...], Sequence[tuple[float, float]]],
 ) -> tuple[Candidate, ...]:
+    """The same with what nobody states of it: takes, and of each where it may begin with its sd."""
     if not unstated:
         return ()
-    found = []
+    found, label = [], made.parameters[0].label
     for begin in product(*unstated.values()):
         more = tuple(
-            replace(parameters[i], start=start, prior_sd=sd, upper=min(parameters[i].upper, start + 2.0 * sd))
-            for i, (start, sd) in zip(unstated, begin, strict=True)
+            replace(p, start=start, prior_sd=sd, upper=min(p.upper, start + 2.0 * sd), label=label)
+            for p, (start, sd) in zip((parameters[take[0]] for take in unstated), begin, strict=True)
         )
         found.append(
             replace(
                 made,
                 parameters=made.parameters + more,
-                takes=(*made.takes, *((i,) for i in unstated)),
+                takes=(*made.takes, *unstated),
                 tries=made.tries + ((0.0,),) * len(more),
             )
         )

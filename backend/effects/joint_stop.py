@@ -17,6 +17,7 @@ class JointStop(AbstractJointStop):
 
     kind = "joint_stop"
     acts_on = "joint"
+    shared = False
     lower: Float[Array, ""] = parameter("rad or m", "lowest q", default=-NO_STOP, expected=1.0)
     upper: Float[Array, ""] = parameter("rad or m", "highest q", default=NO_STOP, expected=1.0)
     restitution: Float[Array, ""] = parameter(

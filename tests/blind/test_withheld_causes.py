@@ -5,7 +5,7 @@ import pytest
 
 from backend.blind.withheld import case, library, outside
 from backend.blind.withheld.case import reality
-from backend.blind.withheld.causes import KINDS, Rig, cause, places
+from backend.blind.withheld.causes import EVERYWHERE, KINDS, Rig, cause, cause_everywhere, places
 from backend.blind.withheld.detectability import Record, Witness, confusion, distance, rivals_of
 from backend.blind.withheld.laws import Change, as_drawn, changed
 from backend.blind.withheld.measurement import Noise, noisy, seen
@@ -65,6 +65,23 @@ def test_it_moves_the_record_and_is_nothing_at_size_zero(double, sprung, name):
     drawn = as_drawn(rig.linkage)
     for number, value in changed(drawn, made.changes, 0.0).numbers.items():
         np.testing.assert_array_equal(value, drawn.numbers[number])
+
+
+@pytest.mark.parametrize(("name", "shared"), EVERYWHERE.items())
+def test_parts_of_one_make_may_all_be_off_alike(double, name, shared):
+    rig, starts = double
+    rng, size = np.random.default_rng(0), KINDS[name].high
+    every, one = cause_everywhere(rig, name, size, rng), cause(rig, name, 1, size / 2 if shared else size, rng)
+    assert every is not None and one is not None
+    assert len(every.on) == len(set(every.on)) == len(every.places) == 2
+    assert every.parameters == one.parameters
+    assert [c.index for c in every.changes] == [0, 1]
+    both, alone = (record_of(rig, starts, made) for made in (every, one))
+    assert np.abs(both - alone).max() > 1e-4 * rig.linkage.size
+
+
+def test_what_stands_alone_is_not_everywhere(swinging):
+    assert cause_everywhere(swinging[0], "viscous_friction", 0.1, np.random.default_rng(0)) is None
 
 
 def test_at_least_six_kinds_are_in_no_library():

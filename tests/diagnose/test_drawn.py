@@ -38,13 +38,21 @@ def test_an_effect_on_several_places_is_one_at_each():
     assert (alone.id, alone.on) == ("rub", ("pin",))
 
 
-@pytest.mark.parametrize("on", ["all", ["j1", "j2"], ["j1"]])
-def test_drawn_play_is_a_cause_where_it_stands_and_stays_while_another_is_tried(on):
+@pytest.mark.parametrize(
+    ("on", "shared"),
+    [
+        ("all", {"clearance:all"}),
+        (["j1", "j2"], {"clearance:j1+j2", "clearance:j3+j4"}),
+        (["j1"], {"clearance:all-j1"}),
+    ],
+)
+def test_drawn_play_is_a_cause_where_it_stands_and_stays_while_another_is_tried(on, shared):
     drawn = set_apart(fourbar([effect("loose", "clearance", on, radial_m=2e-4)]))
     known = library(drawn, "clearance")
     system(build(drawn, known.added))  # never two clearances at one joint
     plays = {c.name: c for c in known.candidates if c.kind == "clearance"}
-    assert set(plays) == {f"clearance:j{i}" for i in range(1, 5)}
+    assert {c.name for c in plays.values() if len(c.on) == 1} == {f"clearance:j{i}" for i in range(1, 5)}
+    assert {c.name for c in plays.values() if len(c.on) > 1} == shared
     neutral = {p.name: value for p, value in zip(known.parameters, known.neutral, strict=True)}
     assert plays["clearance:j1"].parameters[0].start == 2e-4
     assert neutral["clearance:j1.radial_m"] == 2e-4
@@ -108,10 +116,10 @@ def test_a_marker_and_a_joint_of_one_name_are_two_places():
 def test_while_one_link_is_tried_the_others_do_not_bend():
     known = library(double_pendulum(), "link_flexibility")
     bends = [c for c in known.candidates if c.kind == "link_flexibility"]
-    assert len(bends) == 2
+    assert [c.on for c in bends] == [("upper",), ("lower",), ("upper", "lower")]
     for c in bends:
         stiffness = next(i for i, p in zip(c.takes, c.parameters, strict=True) if p.unit == "N m/rad")
-        assert known.neutral[stiffness[0]] > 1e6
+        assert all(known.neutral[i] > 1e6 for i in stiffness)
         assert c.parameters[0].start < 1e3
 
 
@@ -187,3 +195,19 @@ def test_where_no_joint_can_be_pushed_no_push_is_a_cause():
 def test_neutral_values_are_finite():
     for family in (SMOOTH, "clearance", "joint_stop", "link_flexibility"):
         assert np.all(np.isfinite(library(fourbar(), family).neutral))
+
+
+def test_pins_that_are_all_loose_are_one_cause_with_walls_alike():
+    known = library(fourbar(), "clearance")
+    (play,) = [c for c in known.candidates if c.name == "clearance:all"]
+    assert play.on == ("j1", "j2", "j3", "j4")
+    assert [p.name for p in play.parameters] == ["clearance:all.radial_m"]
+    assert play.closer
+    for walls in play.closer:
+        names = [[known.parameters[i].name for i in take] for take in walls.takes]
+        assert [p.parameter for p in walls.parameters] == [one[0].rpartition(".")[2] for one in names]
+        assert all(len(one) == 4 and len({n.rpartition(".")[2] for n in one}) == 1 for one in names)
+
+
+def test_joints_do_not_all_end_their_travel_at_one_angle():
+    assert all(len(c.on) == 1 for c in library(fourbar(), "joint_stop").candidates if c.kind == "joint_stop")

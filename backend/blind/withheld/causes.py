@@ -17,6 +17,10 @@ from backend.blind.withheld.linkage import GRAVITY, Linkage
 Rng = np.random.Generator
 AIR_KG_PER_M3 = 1.225  # ISO 2533
 FAINT = 0.2  # of a kind's lowest telling size: what is drawn goes down to where it can just be seen
+EVERYWHERE = {"viscous_friction": True, "coulomb_friction": True, "pin_friction": False, "clearance": False,
+              "linear_drag": True}  # fmt: skip
+"""What may be alike at all hinges or links, as parts of one make are; of these, whether they share one size."""
+SHARE_EVERYWHERE = 0.4  # of the draws of such a kind
 STOP_DEPTH_RAD = 6e-3  # how far a blow with the rig's own energy enters a stop
 
 
@@ -147,6 +151,18 @@ def cause(rig: Rig, name: str, i: int, size: float, rng: Rng) -> Cause | None:
     return Cause(name, on, where, dict(parameters), tuple(changes))
 
 
+def cause_everywhere(rig: Rig, name: str, size: float, rng: Rng) -> Cause | None:
+    """A cause that is alike at all hinges or links of a rig; None where it has but one."""
+    k = KINDS[name]
+    at = [i for i in places(rig.linkage, k.at) if k.at != "joint" or rig.turns(i)]
+    each = size / len(at) if EVERYWHERE[name] and at else size
+    made = [one for i in at if (one := cause(rig, name, i, each, rng))]
+    if len(made) < 2:
+        return None
+    on, where = (tuple(id for one in made for id in ids(one)) for ids in (lambda c: c.on, lambda c: c.places))
+    return Cause(name, on, where, made[0].parameters, tuple(change for one in made for change in one.changes))
+
+
 def scaled(one: Cause, share: float) -> Cause:
     """The same cause, weaker or stronger."""
     changes = tuple(replace(c, value=c.value * share) if c.sized else c for c in one.changes)
@@ -154,9 +170,15 @@ def scaled(one: Cause, share: float) -> Cause:
 
 
 def drawn_cause(rig: Rig, name: str, rng: Rng) -> Cause | None:
-    """A cause of a kind at a random place with a log-uniform size; None where the rig has no place for it."""
+    """A cause of a kind at a random place, or at all of them, with a log-uniform size; None where the rig has no place
+    for it.
+    """
     k = KINDS[name]
     at = places(rig.linkage, k.at)
+    if name in EVERYWHERE and rng.random() < SHARE_EVERYWHERE:
+        size = float(np.exp(rng.uniform(np.log(k.low * FAINT), np.log(k.high))))
+        if made := cause_everywhere(rig, name, size, rng):
+            return made
     for i in rng.permutation(at) if at else ():
         size = float(np.exp(rng.uniform(np.log(k.low * FAINT), np.log(k.high))))
         size *= float(rng.choice([-1, 1])) if k.signed else 1.0
