@@ -1,6 +1,6 @@
 """A scissor drawn tight and without friction, whose every pin is loose and rubs: does a diagnosis say so?
 
-python -m benchmarks.diagnosed_loose [ENGINE ...] [--cells N]      a quarter of an hour each with three cells, on one core
+python -m benchmarks.diagnosed_loose [ENGINE ...] [--cells N]      twenty minutes each with three cells
 
 The paper's mechanism in an engine's motions: 0.5 mm of play and 0.01 N m s/rad at every pin, five springs of which the
 fourth is held out, 0.4 s at 240 frames/s with 0.2 mm of noise. The whole library is asked.

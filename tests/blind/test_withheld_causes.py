@@ -72,7 +72,8 @@ def test_parts_of_one_make_may_all_be_off_alike(double, name, shared):
     rig, starts = double
     rng, size = np.random.default_rng(0), KINDS[name].high
     every, one = cause_everywhere(rig, name, size, rng), cause(rig, name, 1, size / 2 if shared else size, rng)
-    assert every is not None and one is not None
+    assert every is not None
+    assert one is not None
     assert len(every.on) == len(set(every.on)) == len(every.places) == 2
     assert every.parameters == one.parameters
     assert [c.index for c in every.changes] == [0, 1]
