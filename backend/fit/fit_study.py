@@ -95,8 +95,8 @@ def fit_study(
             f"Nothing is free to fit in {', '.join(free) or 'an empty list'}: name a kind that can be simulated and "
             "has a number to fit, as KIND:ON."
         )
-    if not study.fit:
-        raise ValueError('No experiment may be fitted: give at least one of them "use": "fit".')
+    if nothing := study.nothing_to_fit():
+        raise ValueError(nothing)
     model = build(study.mechanism, freedom.added)
     table, addresses = model.parameters, addresses_of(freedom.parameters)
     step = default_step(study, model) if step_s is None else step_s

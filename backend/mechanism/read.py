@@ -17,7 +17,7 @@ from backend.mechanism.fit_report import FitReport
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.part import Part
 from backend.mechanism.sentences import sentences
-from backend.mechanism.study import Experiment, ExperimentFile, Study, StudyFile, study_problems
+from backend.mechanism.study import Experiment, ExperimentFile, Study, StudyFile, study_problems, twice_set
 from backend.mechanism.tracks import PLACES, SHOWN, TABLES, read_table
 from backend.mechanism.units import far_tracks
 
@@ -147,7 +147,9 @@ def _experiment(entry: ExperimentFile, mechanism: Mechanism, opener: _Folder) ->
             try:
                 tables[name] = read_table(name, opener.path(uri), mechanism)
             except DrawingError as error:
-                problems += [f"{error.source}: {problem}" for problem in error.problems]
+                problems += [f"{uri}: {problem}" for problem in error.problems]
+    if "inputs" in tables:
+        problems += twice_set(entry, tables["inputs"])
     tracks = tables.get("tracks")
     if entry.camera is None and tracks is not None and "x_px" in tracks and tracks[list(PLACES)].isna().all(axis=None):
         problems.append(

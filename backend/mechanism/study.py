@@ -119,6 +119,14 @@ class Study:
         """The experiments that only test the fit."""
         return tuple(experiment for experiment in self.experiments if experiment.use == "held_out")
 
+    def nothing_to_fit(self) -> str | None:
+        """Why no parameter can be learnt from it: none of its experiments may be fitted."""
+        if self.fit:
+            return None
+        held = len(self.experiments)
+        count = "the only experiment is" if held == 1 else f"all {held} experiments are"
+        return f'No experiment may be fitted: {count} held_out. Give at least one of them "use": "fit".'
+
     def experiment(self, id: str) -> Experiment:
         """The experiment of that id; DrawingError listing the known ids otherwise."""
         for experiment in self.experiments:
@@ -173,6 +181,18 @@ def study_problems(study: StudyFile, mechanism: Mechanism) -> Iterator[str]:
         for fault in place_faults(drawn, kind, tolerance.on):
             yield f"{where}: {fault}"
         yield from _restated(stated.setdefault(kind.name, {}), index, tolerance)
+
+
+def twice_set(experiment: ExperimentFile, inputs: pd.DataFrame) -> Iterator[str]:
+    """Parameters that an experiment overrides and has on record: the record would act, and the override do nothing."""
+    recorded = set(zip(inputs["effect"], inputs["parameter"], strict=True))
+    for id, parameters in experiment.overrides.items():
+        for name in parameters:
+            if (id, name) in recorded:
+                yield (
+                    f'effect "{id}": {name} is set in overrides and recorded in {experiment.inputs}; a record is what '
+                    "acts: remove the override, or those rows"
+                )
 
 
 def _restated(stated: dict[str, tuple[int, float]], index: int, tolerance: Tolerance) -> Iterator[str]:

@@ -74,6 +74,9 @@ def read_table(name: str, path: Path, mechanism: Mechanism) -> pd.DataFrame:
     name: a key of TABLES. Rows keep the file's order; an empty number is NaN: not measured, or sigma to be
     estimated. Raises DrawingError naming file, row (the header is row 1) and remedy.
     """
+    if not path.is_file():
+        there = "is a folder" if path.is_dir() else "does not exist"
+        raise DrawingError(f"{there}; correct the path, which counts from study.json, or put the file there", str(path))
     columns = _parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _csv(path)
     form = TABLES[name]
     problems = list(_header_faults(form, list(columns)))

@@ -39,7 +39,7 @@ def study(tmp_path, drawings):
                 "joint_efforts": "f.csv",
                 "video": None,
                 "release": {"time_s": 0.005, "at_rest": True},
-                "overrides": {"s1": {"stiffness_n_per_m": 3000}},
+                "overrides": {"s1": {"free_length_m": 0.04}},
             }
         ],
         "tolerances": [{"kind": "mass_error", "on": ["link1"], "sd": 0.02}],
@@ -72,7 +72,7 @@ def test_a_study_is_read_with_all_its_tables(study):
     assert e1.inputs["value"].tolist() == [2870, 0]
     assert e1.joint_efforts["sigma"].tolist() == [0.001, 0.002]
     assert e1.release.window_s == 0.3
-    assert e1.overrides == {"s1": {"stiffness_n_per_m": 3000.0}}
+    assert e1.overrides == {"s1": {"free_length_m": 0.04}}
     assert found.tolerances[0].sd == 0.02
     assert found.experiment("e1") is e1
     with pytest.raises(DrawingError, match=r'no experiment "e7".*"e1"'):
@@ -222,7 +222,10 @@ def without_time(document, tables):
 
 
 FAULTS = {
-    "no such table": (experiment(tracks="gone.csv"), ['"e1"', "gone.csv", "No such file", "check the path"]),
+    "no such table": (
+        experiment(tracks="gone.csv"),
+        ['experiment "e1": gone.csv: does not exist; correct the path, which counts from study.json'],
+    ),
     "empty table": (table("t.csv", ""), ["t.csv", "is empty", "names the columns"]),
     "only a header": (table("q.csv", "time_s,joint,q,sigma\n"), ["q.csv", "no rows", "record"]),
     "missing column": (table("q.csv", "time_s,joint\n0,j1\n"), ["q.csv", "lacks column q", "time_s,joint"]),
@@ -314,6 +317,10 @@ FAULTS = {
     "override of no parameter": (
         experiment(overrides={"s1": {"stiffness": 1}}),
         ['"e1"', '"s1"', '"stiffness" is unknown', "stiffness_n_per_m"],
+    ),
+    "override of what is recorded": (
+        experiment(overrides={"s1": {"stiffness_n_per_m": 3000}}),
+        ['"e1": effect "s1": stiffness_n_per_m is set in overrides and recorded in u.csv', "remove the override"],
     ),
     "override beyond its bound": (
         experiment(overrides={"s1": {"stiffness_n_per_m": -1}}),
