@@ -6,7 +6,7 @@ import math
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from backend.mechanism.part import Id, Part, Vector3
 from backend.mechanism.pose import Pose
@@ -55,10 +55,16 @@ class Inertia(Part):
         return None
 
 
+def _weighs(mass_kg: float) -> float:
+    if mass_kg < 0.0:
+        raise ValueError(f"is {mass_kg:g}; it must be above 0, of a fixed body it may be 0")
+    return mass_kg
+
+
 class Inertial(Part):
     """Mass properties: mass [kg], centre of mass in body axes [m], inertia about it [kg m²]."""
 
-    mass_kg: Annotated[float, Field(ge=0.0)]
+    mass_kg: Annotated[float, AfterValidator(_weighs), Field(json_schema_extra={"minimum": 0.0})]
     center_of_mass_m: Vector3
     inertia_kg_m2: Inertia
 

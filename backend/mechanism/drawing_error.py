@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 from itertools import islice
 
 MOST_LISTED = 100  # faults of one file; who asks for all of a hostile one would wait for hours
@@ -34,11 +35,16 @@ def first(faults: Iterable[str]) -> list[str]:
     return found if len(found) <= MOST_LISTED else [*found[:MOST_LISTED], "and more; correct these first"]
 
 
-def known(ids: Iterable[str]) -> str:
-    """Close an error sentence with the names that would have worked."""
+def known(ids: Iterable[str], asked: str = "") -> str:
+    """Close an error sentence with the names that would have worked; first those that are spelt nearly as what was
+    asked for.
+    """
     names = sorted(ids)
     if not names:
         return "None is declared."
+    near = get_close_matches(asked, names, n=2) if asked else []
+    names = [*near, *(name for name in names if name not in near)]
     shown = ", ".join(f'"{name}"' for name in names[:12])
     rest = f" and {len(names) - 12} more" if len(names) > 12 else ""
-    return f"Known: {shown}{rest}."
+    meant = f'Did you mean "{near[0]}"? ' if near else ""
+    return f"{meant}Known: {shown}{rest}."

@@ -13,6 +13,7 @@ from backend.mechanism.kinds import EffectKind, ParameterSpec, effect_kinds
 from backend.mechanism.part import Id, Part
 
 MOST_PLACES = 20_000
+TURN_AND_SLIDE = ("cylindrical", "planar")
 SHORTEST = 1e-100  # of a direction: the squares of shorter ones underflow
 
 
@@ -72,7 +73,7 @@ def kind_named(kind: str) -> EffectKind:
         raise ValueError('kind "gravity" is not an effect in the file; set the field gravity_m_per_s2 of the mechanism')
     kinds = effect_kinds()
     if kind not in kinds:
-        raise ValueError(f'kind "{kind}" is unknown. {known(kinds)}')
+        raise ValueError(f'kind "{kind}" is unknown. {known(kinds, kind)}')
     return kinds[kind]
 
 
@@ -112,7 +113,8 @@ def parameter_faults(
             continue
         spec = kind.parameters.get(name)
         if spec is None:
-            faults.append(f'parameter "{name}" is unknown to {kind.name}. {known([*kind.parameters, *kind.choices])}')
+            there = known([*kind.parameters, *kind.choices], name)
+            faults.append(f'parameter "{name}" is unknown to {kind.name}. {there}')
             continue
         specs.append(spec)
         if fault := value_fault(spec, value):
@@ -151,7 +153,7 @@ def joint_type_faults(
             joint_id, joint_type = next(iter(joints.items()))
             others = [other.name for other in kind.parameters.values() if other.suits(joint_type)]
             remedy = f"use {' or '.join(others)}" if others else f"{kind.name} does not act there: remove it"
-            faults.append(f'{spec.name} does not suit joint "{joint_id}", which is {joint_type}; {remedy}')
+            faults.append(_unsuited(spec, joint_id, joint_type, remedy))
     if faults or every:
         return faults
     bound = [spec for spec in given if spec.joint_types is not None]
@@ -160,13 +162,17 @@ def joint_type_faults(
             where = kind.joint_types()
             faults.append(f'{kind.name} does not act at joint "{joint_id}", which is {joint_type}; it acts at {where}')
         elif bound and not any(spec.suits(joint_type) for spec in given):
-            name = bound[0].name
             others = [spec.name for spec in kind.parameters.values() if spec.suits(joint_type)]
-            faults.append(
-                f'{name} does not suit joint "{joint_id}", which is {joint_type}; give it its own effect '
-                f"with {' or '.join(others)}"
-            )
+            remedy = f"give it its own effect with {' or '.join(others)}"
+            faults.append(_unsuited(bound[0], joint_id, joint_type, remedy))
     return faults
+
+
+def _unsuited(spec: ParameterSpec, joint_id: str, joint_type: str, remedy: str) -> str:
+    """A parameter that means nothing at a joint; a joint that slides as well as it turns takes effects on its turn."""
+    slides = joint_type in TURN_AND_SLIDE and spec.suits("prismatic")
+    why = f" and whose slides nothing can act along, only its turn: {remedy}" if slides else f"; {remedy}"
+    return f'{spec.name} does not suit joint "{joint_id}", which is {joint_type}{why}'
 
 
 def missing_parameters(kind: EffectKind, parameters: Mapping[str, Any], unfitted: str | None = None) -> list[str]:

@@ -122,7 +122,7 @@ FAULTS = {
     "zero mass": (put("bodies", 1, "inertial", "mass_kg", 0), ['body "link1"', "mass 0 kg", "density"]),
     "negative mass": (
         put("bodies", 1, "inertial", "mass_kg", -0.1),
-        ['body "link1"', "-0.1", "must not be below 0"],
+        ['body "link1"', "-0.1", "mass_kg is -0.1; it must be above 0"],
     ),
     "a thin rod": (
         put(*LINK_INERTIA, "xx", 0),
@@ -207,6 +207,14 @@ FAULTS = {
     "unknown kind": (
         effect("friction", ["j1"]),
         ['effect "x"', '"friction" is unknown', '"coulomb_friction"'],
+    ),
+    "a kind with a slip of the pen": (
+        effect("viscus_friction", ["j1"]),
+        ['"viscus_friction" is unknown. Did you mean "viscous_friction"? Known: "viscous_friction", '],
+    ),
+    "a parameter with a slip of the pen": (
+        effect("viscous_friction", ["j1"], damping_n_m_s_per_rads=1.0),
+        ['Did you mean "damping_n_m_s_per_rad"?'],
     ),
     "gravity as an effect": (effect("gravity", ["world"]), ['effect "x"', "gravity_m_per_s2"]),
     "unknown parameter": (
@@ -334,6 +342,10 @@ FAULTS = {
     "force at a turning joint": (
         effect("viscous_friction", ["j1"], damping_n_s_per_m=0.1),
         ['effect "x"', 'joint "j1", which is revolute', "use damping_n_m_s_per_rad"],
+    ),
+    "force at a joint that slides and turns": (
+        together(put("joints", 0, "type", "planar"), effect("viscous_friction", ["j1"], damping_n_s_per_m=0.1)),
+        ['joint "j1", which is planar and whose slides nothing can act along, only its turn: use damping_n_m_s_per'],
     ),
     "torque at a turning and a sliding joint": (
         together(slide_too, effect("effort_offset", ["j1", "s"], torque_n_m=0.1)),
