@@ -11,6 +11,7 @@ from scipy.stats import chi2, norm
 
 from backend.fit.misfit import misfit_covariance
 from backend.fit.solve import LeastSquares, Solution, solve
+from backend.mechanism.ratios import times
 
 Z95 = float(norm.ppf(0.975))
 CHI2_95 = float(chi2.ppf(0.95, 1))
@@ -126,9 +127,9 @@ def _sentences(u: Uncertainty, solution: Solution, scale: np.ndarray, reported: 
     if u.chi_square_per_point > 2.0:
         inflated = [u.spread * sd[i] / u.noise_sd[i] for i in shown if u.noise_sd[i] > 0 and np.isfinite(sd[i])]
         yield (
-            f"The model misses the data by {u.chi_square_per_point**0.5:.3g} noise sigmas rms: something is "
+            f"The model misses the data by {times(u.chi_square_per_point**0.5)} noise sigmas rms: something is "
             f"missing from it, or some samples are wild (`--loss huber` takes those for less). Intervals are widened "
-            f"up to {max(inflated, default=1.0):.3g} times for it, but a wrong law biases beyond any interval."
+            f"up to {times(max(inflated, default=1.0))} times for it, but a wrong law biases beyond any interval."
         )
 
 

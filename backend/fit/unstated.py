@@ -24,6 +24,7 @@ from backend.fit.solve import Solution
 from backend.fit.starts import at_once
 from backend.mechanism import fit_report
 from backend.mechanism.effect import Effect
+from backend.mechanism.ratios import times
 from backend.mechanism.study import Study
 from backend.model.model import Address, Model
 
@@ -150,7 +151,7 @@ class Allowed:
         if not self.views:
             return
         wider = {self.names[j]: np.ptp(self.ends[j]) / (2.0 * Z95 * self.sd[j]) for j in np.flatnonzero(self.bounded)}
-        if grown := [f"{name} {times:.2g} times" for name, times in wider.items() if times > WORTH_SAYING]:
+        if grown := [f"{name} {times(share, 2)} times" for name, share in wider.items() if share > WORTH_SAYING]:
             what = ", ".join(f"{each.name} ({_range(each)})" for each in self.held)
             yield f"Nobody stated {what}: intervals allow for it, {', '.join(grown)} as wide. State it, or free it."
         plain = min(self.views, key=lambda view: view.gain)

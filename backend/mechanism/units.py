@@ -10,6 +10,7 @@ import numpy as np
 from backend.mechanism.columns import plane_axis
 from backend.mechanism.loops import connectivity
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.ratios import times
 from backend.mechanism.seen import Series, pairs, reach_m, seen
 from backend.mechanism.study import Experiment
 
@@ -65,7 +66,7 @@ def _far_off(series: list[Series], mechanism: Mechanism, reach: float) -> str | 
         return None
     return (
         f'marker "{series[away.index(most)].marker}" is seen {most:.4g} m from where it is drawn (the median), '
-        f"{most / reach:.3g} times what all parts measure together, {reach:.3g} m; places are in m (1 mm is 0.001), "
+        f"{times(most / reach)} times what all parts measure together, {reach:.3g} m; places are in m (1 mm is 0.001), "
         "in the drawing's world frame"
     )
 
@@ -83,7 +84,7 @@ def _over_wide(series: list[Series], mechanism: Mechanism, reach: float) -> str 
     if width <= WIDE * reach:
         return None
     return (
-        f"its markers are seen over {width:.4g} m, {width / reach:.3g} times what all parts measure together, "
+        f"its markers are seen over {width:.4g} m, {times(width / reach)} times what all parts measure together, "
         f"{reach:.3g} m, and pins hold them; places are in m (1 mm is 0.001, 1 cm 0.01)"
     )
 
@@ -120,8 +121,8 @@ def _slow(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
     takes, falls = float(np.std(x)) / rate if rate else 0.0, _falls_in_s(mechanism)
     if falls and takes > SLOW * falls:
         yield (
-            f"{where} is sampled every {interval:.4g} s and moves in the course of {takes:.3g} s, {takes / falls:.3g} "
-            f"times as long as a mechanism so large takes to fall; {remedy}"
+            f"{where} is sampled every {interval:.4g} s and moves in the course of {takes:.3g} s, "
+            f"{times(takes / falls)} times as long as a mechanism so large takes to fall; {remedy}"
         )
     elif experiment.release.at_rest and 0.0 < release - time[0] < interval:
         yield (
