@@ -10,8 +10,10 @@ import numpy as np
 
 from backend.mechanism.apart import at_each_place
 from backend.mechanism.body import Body, Inertial
+from backend.mechanism.effect_findings import effect_findings
 from backend.mechanism.joint import WITHOUT_COORDINATE, Fit, Joint
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.ratios import times
 from backend.mechanism.turns import TURN
 
 AIR_KG_PER_M3 = 1.2  # a frame of thin bars, spread over the box that has its moments, is heavier than that
@@ -33,6 +35,7 @@ def part_findings(mechanism: Mechanism, q: Mapping[str, float], size_m: float) -
         *(sentence for joint in mechanism.joints for sentence in _of_joint(joint, q, extent)),
         *_of_effects(mechanism, q, extent),
         *_of_springs(mechanism, extent),
+        *effect_findings(mechanism),
         *(sentence for body in mechanism.moving_bodies() for sentence in _of_body(mechanism, body, size_m)),
         *_of_markers(mechanism, extent),
         *gravity_findings(mechanism),
@@ -121,8 +124,8 @@ def _of_markers(mechanism: Mechanism, size_m: float) -> Iterator[str]:
         if not body.fixed and (away := _reach(mechanism, body, marker.position_m)) > FAR_MARKER * size_m:
             yield (
                 f'marker "{marker.id}" is drawn {away:.4g} m from a joint of its body "{body.id}", '
-                f"{away / size_m:.3g} times the mechanism's size, {size_m:.3g} m; position_m is in m, from the body's "
-                "origin"
+                f"{times(away / size_m)} times the mechanism's size, {size_m:.3g} m; position_m is in m, from the "
+                "body's origin"
             )
 
 
@@ -179,4 +182,4 @@ def _reach(mechanism: Mechanism, body: Body, point: tuple[float, float, float]) 
 def gravity_findings(mechanism: Mechanism) -> Iterator[str]:
     """A warning where gravity is that of no planet."""
     if (g := math.hypot(*mechanism.gravity_m_per_s2)) > STRONG_M_PER_S2:
-        yield f"gravity_m_per_s2 is {g:.4g} m/s², {g / 9.80665:.3g} times the earth's; write it in m/s²"
+        yield f"gravity_m_per_s2 is {g:.4g} m/s², {times(g / 9.80665)} times the earth's; write it in m/s²"

@@ -14,7 +14,7 @@ from backend.mechanism.joint import WITHOUT_COORDINATE
 from backend.mechanism.kinds import EffectKind
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.seen import reach_m
-from backend.mechanism.study import Experiment, Study, Tolerance
+from backend.mechanism.study import Experiment, Study, Tolerance, driven_effects
 from backend.mechanism.tracks import SHOWN
 from backend.mechanism.turns import TURN
 from backend.mechanism.units import unit_findings
@@ -30,6 +30,7 @@ def study_findings(study: Study) -> list[str]:
         *gravity_findings(study.mechanism),
         *(s for index, t in enumerate(study.tolerances, start=1) for s in _of_tolerance(index, t, study.mechanism)),
         *_of_shared_tables(study),
+        *_of_drives_named_like_joints(study),
         *(
             f"experiment '{experiment.id}': {sentence}"
             for experiment in study.experiments
@@ -84,6 +85,17 @@ def _of_shared_tables(study: Study) -> Iterator[str]:
         void = "what is held out was fitted, and tests nothing" if len(uses) > 1 else "they count as often in the fit"
         who = ", ".join(f"'{experiment.id}' ({experiment.use})" for experiment in same[:SHOWN])
         yield f"experiments {who} have the same {name}: {void}. Give each its own record, or leave out the others"
+
+
+def _of_drives_named_like_joints(study: Study) -> Iterator[str]:
+    """Drives on record that are called like the joint that they stand at; elsewhere `check` tells of the drawing."""
+    driven = driven_effects(study)
+    for effect in study.mechanism.effects:
+        if effect.id in driven and effect.on == (effect.id,) and kind_named(effect.kind).acts_on == "joint":
+            yield (
+                f'effect "{effect.id}" is on record and called like its joint: --free {effect.kind}:{effect.id} frees '
+                "the drive itself, whose value the record gives, not another at that joint; give it another id"
+            )
 
 
 def _of_experiment(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:

@@ -46,7 +46,7 @@ FOUND = {
     "mass in g": (scaled(mass=1e3), ['body "crank"', "denser than any matter", "mass is in kg"]),
     "all of it in mm and g": (scaled(lengths=1e3, mass=1e3, inertia=1e9), ['body "crank"', "lighter than air"]),
     "lengths in mm": (scaled(lengths=1e3), ['body "crank"', "mm long", "m apart; lengths are in m"]),
-    "gravity in mm/s²": (scaled(gravity=1e3), ["gravity_m_per_s2", "9807 m/s²", "1e+03 times", "in m/s²"]),
+    "gravity in mm/s²": (scaled(gravity=1e3), ["gravity_m_per_s2", "9807 m/s²", "1000 times", "in m/s²"]),
     "an inertia of no size": (scaled(inertia=1e308), ['body "crank"', "lighter than air"]),
     "diameters in mm": (pin(pin_diameter_m=8, hole_diameter_m=8.1), ['joint "A"', "8.1 m wide", "in m"]),
     "play in mm": (pin(radial_clearance_m=0.05), ['joint "A"', "0.05 m", "5% of the mechanism's size", "in m"]),

@@ -130,3 +130,13 @@ def test_a_record_that_is_fitted_and_held_out_stands_out():
     the_one(told("fit", "held_out"), "'e1' (fit), 'e2' (held_out) have the same joint_positions", "tests nothing")
     the_one(told("fit", "fit"), "they count as often in the fit")
     assert told("fit") == told("held_out", "held_out") == []
+
+
+def test_a_drive_on_record_that_is_called_like_its_joint_stands_out():
+    named = pendulum(effects=[effect("pin", "effort_offset", ["pin"])])
+    recorded = drive([0.0], [0.1]).assign(effect="pin")
+    the_one(
+        findings(mechanism=named, joint_positions=encoder(), inputs=recorded),
+        'effect "pin" is on record and called like its joint',
+        "--free effort_offset:pin frees the drive itself",
+    )
