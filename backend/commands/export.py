@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from backend.commands.check import checked
 from backend.commands.remote import Key, asking
 from backend.commands.terminal import BAD_INPUT, AsJson, Out, answering, progress
 
@@ -43,7 +44,6 @@ def export(
         return
     with answering(as_json) as answer:
         from backend.mechanism.check import check_json, check_text
-        from backend.mechanism.graph import describe
         from backend.mechanism.read import read_mechanism
         from cad_export import export_script
 
@@ -55,7 +55,7 @@ def export(
             answer(begun.json(), begun.text())
             return
         path = Path(export_script(script, folder, chosen))
-        report = describe(read_mechanism(path))
+        report = checked(read_mechanism(path))
         told, text = {"mechanism": str(path), **check_json(report)}, f"{check_text(report)}\nwrote     {path}"
         if upload is not None:
             with asking(upload, key) as there, progress("sending") as advance:

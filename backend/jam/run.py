@@ -31,8 +31,9 @@ from backend.simulate.assemble import let_go
 from backend.simulate.assemble import start as closed_start
 from backend.simulate.record import Record, beginning, on_steps, series_of
 from backend.simulate.rollout import Trajectory
-from backend.simulate.run import Run, as_run, assembled, check_closed, check_drives, check_ends
+from backend.simulate.run import Run, as_run, assembled, check_closed
 from backend.simulate.spectrum import real
+from backend.simulate.standing import check_drives, check_ends
 
 MOST_STEPS = 1e5
 MOST_NUMBERS = 2_000_000  # of a report's series: beyond, only every so many steps are written

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from backend.mechanism.graph import GraphReport
@@ -16,31 +17,33 @@ def check_text(report: GraphReport) -> str:
     """The report in a screenful of sentences."""
     joints = ", ".join(f"{count} {type}" for type, count in sorted(report.joints.items())) or "none"
     lines = [
-        f"{report.name}: {_many(report.moving_bodies, 'moving body', 'moving bodies')}, "
-        f"{_many(report.fixed_bodies, 'fixed body', 'fixed bodies')}, joints: {joints}; "
-        f"{_many(report.effects, 'effect')}, {_many(report.markers, 'marker')}",
-        f"loops     {len(report.loops)}" + (": " + _few(_loop_names(report)) if report.loops else ""),
+        f"{report.name}: {many(report.moving_bodies, 'moving body', 'moving bodies')}, "
+        f"{many(report.fixed_bodies, 'fixed body', 'fixed bodies')}, joints: {joints}; "
+        f"{many(report.effects, 'effect')}, {many(report.markers, 'marker')}",
+        f"loops     {len(report.loops)}" + (": " + few(_loop_names(report)) if report.loops else ""),
         f"mobility  {_mobility(report)}",
         f"redundant {_redundant(report)}",
         f"closure   {_closure(report)}",
     ]
     for found in report.contacts:
-        pairs = _few(["-".join(pair) for pair in found.pairs])
+        pairs = few(["-".join(pair) for pair in found.pairs])
         lines.append(
-            f"contacts  {found.effect}: {_many(len(found.pairs), 'pair')} may meet"
+            f"contacts  {found.effect}: {many(len(found.pairs), 'pair')} may meet"
             + (f": {pairs}" if pairs else "")
-            + (f"; none meets {_few(list(found.shapeless))}, drawn without a bar's shape" if found.shapeless else "")
+            + (f"; none meets {few(list(found.shapeless))}, drawn without a bar's shape" if found.shapeless else "")
         )
     lines += [f"error: {text}" for text in report.errors]
     lines += [f"warning: {text}" for text in report.warnings]
     return "\n".join(lines)
 
 
-def _many(count: int, one: str, many: str = "") -> str:
-    return f"{count} {one if count == 1 else many or one + 's'}"
+def many(count: int, one: str, several: str = "") -> str:
+    """`1 joint`, `2 joints`."""
+    return f"{count} {one if count == 1 else several or one + 's'}"
 
 
-def _few(names: list[str], shown: int = 6) -> str:
+def few(names: Sequence[str], shown: int = 6) -> str:
+    """The first names, and how many more there are."""
     rest = len(names) - shown
     return ", ".join(names[:shown]) + (f" and {rest} more" if rest > 0 else "")
 
@@ -62,7 +65,7 @@ def _redundant(report: GraphReport) -> str:
     mobility = report.mobility
     if not mobility.redundant_rows:
         return f"none of {mobility.rows} constraint rows"
-    named = _few([f"{joint} {count}" for joint, count in mobility.redundant_by_joint.items()])
+    named = few([f"{joint} {count}" for joint, count in mobility.redundant_by_joint.items()])
     return f"{mobility.redundant_rows} of {mobility.rows} constraint rows, at {named}"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -98,6 +99,10 @@ class GraphReport(Part):
     def ok(self) -> bool:
         """Whether the drawing can be assembled and simulated."""
         return not self.errors
+
+    def with_errors(self, found: Sequence[str]) -> GraphReport:
+        """The same report with further errors, each told once."""
+        return self.model_copy(update={"errors": tuple(dict.fromkeys([*self.errors, *found]))})
 
 
 def describe(mechanism: Mechanism) -> GraphReport:

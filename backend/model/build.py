@@ -73,7 +73,7 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     turning = [i for i in range(len(uncut.joints)) if topology.joint_types[i] in TURNING]
     axes_a = np.asarray(drawing.axes_a)
     axes_W = [_rotation(poses[topology.joints[i][0], 3:]) @ axes_a[i, :, 2] for i in turning]
-    _check_bed(drawn, axes_W)
+    _check_bed(drawn, {topology.joint_ids[i]: axis for i, axis in zip(turning, axes_W, strict=True)})
     up = -np.array(mechanism.gravity_m_per_s2, dtype=float)
     axes_W = axes_W or [up if up.any() else np.array([0.0, 0.0, 1.0])]
     placed = tuple(_batches(mechanism.effects, topology, mechanism))
@@ -91,14 +91,19 @@ def build(mechanism: Mechanism, effects: Sequence[Effect] = ()) -> Model:
     )
 
 
-def _check_bed(drawn: Sequence[Effect], axes_W: list[np.ndarray]) -> None:
-    """Refuse friction on a bed where no plane lies across all joints."""
+def _check_bed(drawn: Sequence[Effect], axes_W: Mapping[str, np.ndarray]) -> None:
+    """Refuse friction on a bed where no plane lies across all joints.  axes_W: of those that turn."""
     on_bed = [e.id for e in drawn if issubclass(effect_of_kind(e.kind), AbstractBedFriction)]
-    if on_bed and any(np.linalg.norm(np.cross(axes_W[0], axis)) > PARALLEL for axis in axes_W):
-        raise ValueError(
-            f"effect '{on_bed[0]}': the joints turn about different axes, so no bed lies across all of them; "
-            "remove it, or draw the joints' axes parallel"
-        )
+    if not on_bed or not axes_W:
+        return
+    first, *others = axes_W
+    for joint in others:
+        if (sine := float(np.linalg.norm(np.cross(axes_W[first], axes_W[joint])))) > PARALLEL:
+            raise ValueError(
+                f"effect '{on_bed[0]}': joints '{first}' and '{joint}' turn about axes "
+                f"{np.degrees(np.arcsin(min(1.0, sine))):.3g} degrees apart, so no bed lies across all joints; "
+                "remove it, or draw the joints' axes parallel"
+            )
 
 
 def _check_paths(effects: Sequence[Placed], topology: Topology) -> None:

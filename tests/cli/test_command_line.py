@@ -237,3 +237,29 @@ def test_whoever_reads_a_log_is_told_how_far_the_work_is_and_quick_work_stays_si
     assert first.startswith(" 25%  pairs, 0:00:0")
     assert first.endswith(" left")
     assert second.startswith(" 50%  looking, ")
+
+
+def test_check_refuses_what_simulate_refuses_with_its_words(drawing):
+    parts = json.loads(drawing.read_text())
+    parts["effects"] = [{"id": "rub", "kind": "pin_friction", "on": ["pin"], "parameters": {}}]
+    drawing.write_text(json.dumps(parts))
+    checked, run = linktwin("check", drawing), linktwin("simulate", drawing, "--out", drawing.parent / "out")
+    assert checked.returncode == run.returncode == 2
+    assert "error: effect 'rub': pin friction at joint 'pin' needs the pin's size" in checked.stdout
+    assert run.stderr.strip() in checked.stdout
+
+
+def test_check_takes_a_study_and_tells_of_each_experiment(drawing):
+    rows = "".join(f"{k / 100},pin,{0.2 * np.cos(k / 9):.6f},\n" for k in range(100))
+    (drawing.parent / "q.csv").write_text("time_s,joint,q,sigma\n" + rows)
+    shot = {"id": "e1", "joint_positions": "q.csv", "release": {"time_s": 0.2}}
+    study = drawing.parent / "study.json"
+    study.write_text(json.dumps({"schema_version": "1.0", "mechanism": drawing.name, "experiments": [shot]}))
+    said, told = linktwin("check", study), linktwin("check", study, "--json")
+    assert said.returncode == told.returncode == 0
+    assert "e1  fit       0.79 s, let go at 0.2 s, 100 samples (20 before), 1 encoder" in said.stdout
+    assert json.loads(told.stdout)["mechanism"]["mobility"]["by_rank"] == 1
+    study.write_text(study.read_text().replace("q.csv", "gone.csv"))
+    gone = linktwin("check", study)
+    assert gone.returncode == 2
+    assert "gone.csv: does not exist" in gone.stderr

@@ -4,7 +4,8 @@ import pytest
 
 from backend.model.build import build
 from backend.model.system import system
-from backend.simulate.run import check_ends, simulate
+from backend.simulate.run import simulate
+from backend.simulate.standing import check_ends
 from tests.mechanisms import effect, pendulum
 
 
