@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.mechanism.fit_report import FitReport
+from backend.mechanism.fit_report import FitReport, Residual
 from backend.mechanism.study import Study
 from backend.report.evidence import Channel, FitEvidence, Overlay
 from backend.report.fit_page import cautions, headline, pooled
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 MOST_OVERLAYS = 2
 MOST_HELD_OUT = 1
+MOST_JOINTS = 12  # of which the summary tells one by one; the page and fit.json tell all
 
 
 def fit_evidence(study: Study, result: FitResult, truth: Mapping[str, float] | None = None) -> FitEvidence:
@@ -98,11 +99,26 @@ def fit_text(report: FitReport) -> str:
         for si in sorted({row.unit for row in rows}):
             unit, factor = at_the_bench(si)
             chosen = [row for row in rows if row.unit == si]
-            known = all(row.before is not None for row in chosen)
-            before = f", {shown(factor * pooled(chosen, 'before'))} as drawn" if known else ""
-            lines.append(f"{name:<9} rms {shown(factor * pooled(chosen))} {unit}{before}")
+            lines.append(f"{name:<9} rms {_missed(chosen, factor, unit)}")
+            lines += _of_each_joint(chosen, factor, unit)
     lines += [f"warning: {sentence}" for sentence in cautions(report)]
     return "\n".join(lines)
+
+
+def _missed(rows: Sequence[Residual], factor: float, unit: str) -> str:
+    known = all(row.before is not None for row in rows)
+    before = f", {shown(factor * pooled(rows, 'before'))} as drawn" if known else ""
+    return f"{shown(factor * pooled(rows))} {unit}{before}"
+
+
+def _of_each_joint(rows: Sequence[Residual], factor: float, unit: str) -> list[str]:
+    """Joints that share a unit are unlike each other: one may swing, another hardly move."""
+    joints = [row.at for row in rows if row.at.startswith("joint:")]
+    each = list(dict.fromkeys(joints))
+    if not 1 < len(each) <= MOST_JOINTS:
+        return []
+    wide = max(map(len, each))
+    return [f"  {at:<{wide}}  {_missed([row for row in rows if row.at == at], factor, unit)}" for at in each]
 
 
 def seen_markers(study: Study, experiment: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
