@@ -16,7 +16,11 @@ class ExtensionSpring(AbstractStrut):
         "m", "end on the first body, in its axes", default=None, size=3, by_name=True
     )
     anchor_b_m: Float[Array, "3"] = parameter(
-        "m", "end on the second body, in its axes", default=None, size=3, by_name=True
+        "m",
+        "end on the second body, in its axes; where one body is named, on the first fixed body, in that body's axes",
+        default=None,
+        size=3,
+        by_name=True,
     )
     stiffness_n_per_m: Float[Array, ""] = parameter("N/m", "force per lengthening", lower=0.0)
     free_length_m: Float[Array, ""] = parameter("m", "length without force", lower=0.0)

@@ -7,7 +7,7 @@ from backend.effects.shapes import AbstractDrawnError
 
 
 class InertiaError(AbstractDrawnError):
-    """Same mass and centre, other inertia about the centre of mass."""
+    """Same mass and centre; the whole inertia tensor about the centre of mass is larger by one factor."""
 
     kind = "inertia_error"
     acts_on = "body"

@@ -7,9 +7,9 @@ from backend.effects.shapes import AbstractView, across
 
 
 class TrackerDrift(AbstractView):
-    """The tracker slides off the marker in the course of time, along the two world axes across the line of sight.
+    """The tracker slides off the marker in proportion to time since the record's first sample, where it was put on it.
 
-    It is right in the first frame, where it was put on the marker.
+    It drifts along the two world axes across the line of sight, before the release as after it.
     """
 
     kind = "tracker_drift"

@@ -10,7 +10,7 @@ from backend.mechanism.read import parse_mechanism
 from backend.model.build import build
 from backend.model.state import drawn_pose
 from backend.model.system import system
-from backend.simulate import points
+from backend.simulate import kinematics, points
 from backend.simulate.record import on_steps
 from tests.mechanisms import (
     bead_on_bar,
@@ -227,3 +227,15 @@ def test_an_error_of_a_spring_on_something_else_is_refused():
     wrong = effect("soft", "spring_stiffness_error", ["grease"], relative=0.1)
     with pytest.raises(ValueError, match=r"cannot act on 'grease'.*extension_spring or torsion_spring"):
         build(pendulum(effects=[grease]), [wrong])
+
+
+def test_a_spring_that_names_one_body_ends_in_the_axes_of_the_ground():
+    given = {"anchor_a_m": [0.1, 0.0, 0.0], "anchor_b_m": [0.3, 0.0, 0.0], "stiffness_n_per_m": 10.0}
+    drawn = document(pendulum(effects=[effect("s", "extension_spring", ["link"], **given)]))
+    drawn["bodies"][0]["pose"]["position_m"] = [1.0, 2.0, 0.5]
+    drawn["joints"][0]["frame_a"]["position_m"] = [-1.0, -2.0, -0.5]
+    plant = system(model := build(parse_mechanism(drawn)))
+    ((_, end),) = plant.topology.struts
+    placed = kinematics.bodies(plant, drawn_pose(model, plant))
+    at = placed.position[end] + placed.rotation[end] @ plant.strut_b[0]
+    np.testing.assert_allclose(at, [1.3, 2.0, 0.5], atol=1e-12)
