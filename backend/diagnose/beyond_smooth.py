@@ -11,7 +11,7 @@ import numpy as np
 
 from backend.diagnose.adequacy import Adequacy, adequacy
 from backend.diagnose.candidate import Candidate
-from backend.diagnose.cause import Cause
+from backend.diagnose.cause import Cause, is_new
 from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.ends import stopping_alike
 from backend.diagnose.fitted import mean_square
@@ -101,12 +101,13 @@ class AbstractBeyondSmooth(AbstractStandards):
     def _or_load(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """The best set, or one with friction that grows with load in place of its dry friction: where loads change
         little the one does what the other does, and neither stands in the other's model. Of a pair that friction alone
-        is tried, too: what stood beside may have made up for the wrong kind of it.
+        is tried, too: what stood beside may have made up for the wrong kind of it. So is it where a single cause of
+        any kind takes off less than noise is: what is so faint fits many a law.
         """
-        dry = [c for c in best.candidates if rubs_dry(c.kind)]
-        if LOAD not in families(self.without) or not dry or len(best.candidates) > SURE or self._cancelled():
+        replaced = [c for c in best.candidates if rubs_dry(c.kind)] or self._faint(best)
+        if LOAD not in families(self.without) or not replaced or len(best.candidates) > SURE or self._cancelled():
             return best, last
-        rest = next((c for c in best.candidates if c is not dry[0]), None)
+        rest = next((c for c in best.candidates if c is not replaced[0]), None)
         beside = self._single(best, rest) if rest is not None else None
         search = self._search_of(LOAD)
         if search is None or (rest is not None and beside is None):
@@ -118,6 +119,11 @@ class AbstractBeyondSmooth(AbstractStandards):
             if self._likelier(cause, best):
                 best, last = self._judged(cause, search)
         return best, last
+
+    def _faint(self, best: Cause) -> tuple[Candidate, ...]:
+        """A single cause in the mechanism whose gap is smaller than the noise."""
+        single = len(best.candidates) == 1 and not any(map(_is_picture, best.candidates[0].places))
+        return best.candidates if single and self._gain(best) < best.fitted.r.size else ()
 
     def _or_play(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """What is enough, or play, or in the place of a pair that lies in the picture play with a smooth cause beside
@@ -191,16 +197,16 @@ class AbstractBeyondSmooth(AbstractStandards):
 
     def _joined(self, best: Cause, last: Adequacy, search: Search) -> tuple[Cause, Adequacy]:
         """A cause that switches on, with a smooth one beside it where that earns its place. Where the law of blows
-        would excuse what is left, it must take most of it.
+        would excuse what is left, it must take most of it, unless it is a marker's own: blows show in all of them.
         """
         excused = self._settled(best, last)
         if (excused and self.enough(last)) or len(best.candidates) >= SURE or self._cancelled():
             return best, last
         for cause in search.level([best], PARTNERS)[:1]:
             cause, judged = self._judged(cause, search)
-            if self._better(cause, best, judged, last) and (
-                not excused or judged.power < MOST * max(last.power, NOTHING)
-            ):
+            of_a_marker = all(p.startswith("marker:") for c in cause.candidates if is_new(c, best) for p in c.places)
+            plain = not excused or of_a_marker or judged.power < MOST * max(last.power, NOTHING)
+            if plain and self._better(cause, best, judged, last):
                 self.search.tried[cause.names] = cause
                 return cause, judged
         return best, last

@@ -90,7 +90,7 @@ class AbstractEffect(eqx.Module):
     """
     shared: ClassVar[bool] = True
     """Whether one value at all its places is a cause of its own: bars of one stock are all too heavy, but not all off
-    balance to the same side, nor do joints that turn differently end their travel at one angle.
+    balance to the same side, nor do joints lean alike or end their travel at one angle.
     """
 
     @classmethod

@@ -19,6 +19,7 @@ class JointAxisError(AbstractDrawnError):
     kind = "joint_axis_error"
     acts_on = "joint"
     odds = 0.1
+    shared = False
     rad: Float[Array, "2"] = parameter("rad", "tilt about x and y of frame_a", size=2, expected=0.02)
 
     def redraw(self, drawing, place):

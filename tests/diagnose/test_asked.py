@@ -72,6 +72,32 @@ def test_play_is_asked_where_what_is_enough_may_imitate_it(monkeypatch, names, g
 
 
 @pytest.mark.parametrize(
+    ("names", "gain", "asked"),
+    [
+        (("viscous_friction:j1",), 0.5 * ROWS, True),
+        (("viscous_friction:j1",), 2.0 * ROWS, False),
+        (("coulomb_friction:j1",), 2.0 * ROWS, True),
+        (("frame_rate_error:camera",), 0.5 * ROWS, False),
+        (("viscous_friction:j1", "mass_error:rod"), 0.5 * ROWS, False),
+    ],
+    ids=["less than noise", "more than noise", "dry friction", "in the picture", "a pair"],
+)
+def test_friction_that_grows_with_load_is_asked_where_another_law_may_look_like_it(monkeypatch, names, gain, asked):
+    climb: Any = object.__new__(Climb)
+    best, grown = cause(*names), cause("pin_friction:j1", chi2=0.9 * ROWS)
+    for c in best.candidates:
+        c.kind = c.name.partition(":")[0]
+    climb.scale, climb.without, climb.searches, climb.baseline = 1.0, frozenset(), {}, cause(chi2=ROWS + gain)
+    climb.search = SimpleNamespace(tried={}, cancelled=lambda: False)
+    climb._best_alone = lambda: None
+    climb._search_of = lambda family: SimpleNamespace(subject=None)
+    climb._by_fit = climb._weight = lambda c: -c.fitted.chi2
+    climb._judged = lambda c, search=None: (c, "judged")
+    monkeypatch.setattr(beyond_smooth, "switching", lambda *args: [grown])
+    assert climb._or_load(best, "as it was") == ((grown, "judged") if asked else (best, "as it was"))
+
+
+@pytest.mark.parametrize(
     ("names", "left", "nothing"),
     [
         (("effort_offset:a", "torsion_spring:b"), 0.5 * beyond_smooth.CLOSELY**2, True),
@@ -84,3 +110,27 @@ def test_what_switches_on_is_not_asked_beside_a_pair_that_leaves_next_to_nothing
     climb.scale, climb.baseline = 1.0, cause(chi2=9.0 * ROWS)
     climb._best_alone = lambda: cause(names[0], chi2=2.0 * ROWS)
     assert climb._nothing_of(cause(*names), SimpleNamespace(power=left)) == nothing
+
+
+@pytest.mark.parametrize(
+    ("beside", "left", "joined"),
+    [
+        ("marker_offset:rod_m1", 0.8, True),
+        ("length_error:rod", 0.8, False),
+        ("length_error:rod", 0.4, True),
+    ],
+    ids=["of a marker", "what a blow may do", "most of it"],
+)
+def test_what_the_law_of_a_blow_excuses_hides_no_marker(beside, left, joined):
+    climb: Any = object.__new__(Climb)
+    stop, pair = cause("joint_stop:j1"), cause("joint_stop:j1", beside)
+    for c in (*stop.candidates, *pair.candidates):
+        kind, _, at = c.name.partition(":")
+        c.places = (f"{'marker' if kind == 'marker_offset' else 'body'}:{at}",)
+        c.overlaps = lambda other, own=c: own.name == other.name
+    climb.search = SimpleNamespace(cancelled=lambda: False, tried={})
+    climb._settled, climb.enough = lambda cause, judged: True, lambda judged: False
+    climb._judged = lambda c, search=None: (c, SimpleNamespace(power=left))
+    climb._better = lambda *asked: True
+    search: Any = SimpleNamespace(level=lambda parents, refits: [pair], tried={})
+    assert (climb._joined(stop, SimpleNamespace(power=1.0), search)[0] is pair) == joined

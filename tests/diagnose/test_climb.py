@@ -39,7 +39,7 @@ def climbing(monkeypatch, *, enough: bool, refused: bool) -> Any:
 def smooth_cause(fraction: float) -> Any:
     return SimpleNamespace(
         names=("camera_tilt:camera",),
-        candidates=(SimpleNamespace(family=module.SMOOTH, kind="camera_tilt"),),
+        candidates=(SimpleNamespace(family=module.SMOOTH, kind="camera_tilt", places=("camera",)),),
         fitted=SimpleNamespace(fraction=fraction, r=SimpleNamespace(size=100)),
     )
 
@@ -316,6 +316,7 @@ def test_dry_friction_is_tried_as_one_that_grows_with_load_too(monkeypatch, othe
     monkeypatch.setattr(climb, "_cancelled", lambda: False, raising=False)
     monkeypatch.setattr(climb, "_likelier", lambda cause, best: cause is loaded)
     monkeypatch.setattr(climb, "_judged", lambda cause, search: (cause, "judged"))
+    monkeypatch.setattr(climb, "_faint", lambda best: ())
     assert climb._or_load(made(*other, "coulomb_friction"), "last") == (loaded, "judged")
     asked = [(module.LOAD, beside), (module.LOAD, None)][: 2 if beside else 1]
     assert tried == asked
