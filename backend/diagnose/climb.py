@@ -196,6 +196,8 @@ class Climb(AbstractBeyondSmooth):
                 for alias in complete(self.searches[id(best.fitted.subject)], best, float(wide)):
                     self.search.tried[alias.names] = alias
             return self._likelier_than(best, last) if known else (best, last)
+        if len(best.candidates) == SURE and best.fitted.subject is self.search.subject and best.fitted.fraction == 1.0:
+            self.search.wider(best)  # of what stands beside one that came late, as a base that shakes
         for alias in complete(self.searches[id(best.fitted.subject)], best, self.scale) if best.candidates else ():
             self.search.tried[alias.names] = alias
         near = [

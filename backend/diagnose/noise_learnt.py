@@ -7,14 +7,17 @@ import numpy as np
 from backend.diagnose.fitted import Fitted, Seer
 from backend.diagnose.latent import Latent, left_over, neighbour_correlation, studentised
 from backend.diagnose.memory import Memory
-from backend.diagnose.noise import drop, kind_of, numbered, places, strays
+from backend.diagnose.noise import ENOUGH, drop, kind_of, numbered, places, strays
 
 CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is left
 MANY = 500  # neighbouring samples from which memory is bettered
+OPEN = 2.5  # sd of the memory that still frames tell (Bartlett 1946), by which it may be bettered
 
 
 def remember(fitted: Fitted, latent: Latent) -> bool:
-    """Better the noise's memory from all frames: still ones are few, and a little memory looks like slow forces."""
+    """Better the noise's memory from all frames: still ones are few, and a little memory looks like slow forces. As far
+    as still ones leave it open: what the drawing misses has a memory, too.
+    """
     left = left_over(fitted, latent)
     if not 0.5 < float(np.mean(left**2)) < CALM:
         return False
@@ -26,10 +29,11 @@ def remember(fitted: Fitted, latent: Latent) -> bool:
         known = memory.get(kind, Memory())
         if known.share < 1.0:  # still frames told more than neighbours do
             continue
-        follows = np.zeros(fitted.r.size, bool)
+        follows, still = np.zeros(fitted.r.size, bool), 0
         for p, white, rows in zip(fitted.probes, seer.white, seer.rows, strict=True):
             channel, time = p.data.channel[white.keep], p.data.time_s[white.keep]
             of = np.array([kind_of(c) == kind for c in p.data.channels])[channel]
+            still += int(np.sum(of & p.data.still[white.keep]))
             gap = np.diff(time)
             next_to = (np.diff(channel) == 0) & of[1:] & (gap < 1.5 * np.median(gap[gap > 0]))
             follows[rows.start + 1 : rows.stop] = next_to
@@ -37,7 +41,8 @@ def remember(fitted: Fitted, latent: Latent) -> bool:
             continue
         more = neighbour_correlation(fitted, latent, follows)
         if abs(more) > 2.0 / np.sqrt(follows.sum()):
-            memory[kind] = Memory(float(np.clip(known.coefficient + more, 0.0, 0.97)))
+            open_ = OPEN * np.sqrt((1.0 - known.coefficient**2) / still) if still >= ENOUGH else np.inf
+            memory[kind] = Memory(float(np.clip(known.coefficient + np.clip(more, -open_, open_), 0.0, 0.97)))
             changed = True
     return changed
 

@@ -252,6 +252,21 @@ class Search:
                 made += [self.tried[names]] if names in self.tried else []
         return made
 
+    def wider(self, cause: Cause) -> list[Cause]:
+        """A cause with a form that contains one of its members in that member's place, begun where the cause ended."""
+        made = []
+        for member in cause.candidates:
+            others = [c for c in cause.candidates if c is not member]
+            rest = self.tried.get(tuple(sorted(c.name for c in others))) or self.without(cause, member)
+            about, free = self.screen(rest), [c for c in self.subject.library.candidates if is_new(c, rest)]
+            for wide in containing(about, free).get(member.name, ()):
+                choice = self.subject.choose(*others, member)
+                simple = fit(self.subject, choice, start=begun_from(cause.fitted, choice), max_iterations=1)
+                fits: list[Fitted] = []
+                self._join(rest, about, wide, fits, None, simple)
+                made += [self.keep(fitted) for fitted in fits if in_order(fitted)]
+        return made
+
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
         """The same sets over longer records, as far as the best of them follows."""
         while fits and fits[0].fraction < 1.0:

@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
-from backend.diagnose import beyond_smooth
+from backend.diagnose import beyond_smooth, which
 from backend.diagnose.climb import HINT, Climb
 from backend.diagnose.standards import STRICT
+from backend.diagnose.which import Search
 
 ROWS = 1000
 
@@ -134,3 +135,22 @@ def test_what_the_law_of_a_blow_excuses_hides_no_marker(beside, left, joined):
     climb._better = lambda *asked: True
     search: Any = SimpleNamespace(level=lambda parents, refits: [pair], tried={})
     assert (climb._joined(stop, SimpleNamespace(power=1.0), search)[0] is pair) == joined
+
+
+def test_a_form_that_contains_a_member_is_asked_where_the_pair_ended(monkeypatch):
+    dry, falling, shake = (SimpleNamespace(name=n) for n in ("coulomb_friction:j1", "stribeck_friction:j1", "base"))
+    search: Any = object.__new__(Search)
+    search.tried = {("base",): "the base alone", ("coulomb_friction:j1",): "friction alone"}
+    search.subject = SimpleNamespace(
+        library=SimpleNamespace(candidates=(dry, falling, shake)), choose=lambda *members: [m.name for m in members]
+    )
+    search.screen = search.keep = lambda one: one
+    search._join = lambda rest, about, wide, fits, rival, simple: fits.append((rest, wide.name, simple))
+    monkeypatch.setattr(which, "is_new", lambda candidate, rest: candidate is not shake)
+    monkeypatch.setattr(which, "containing", lambda about, free: {dry.name: [falling]})
+    monkeypatch.setattr(which, "begun_from", lambda fitted, choice: "where the pair ended")
+    monkeypatch.setattr(which, "fit", lambda subject, choice, start, max_iterations: (choice, start))
+    monkeypatch.setattr(which, "in_order", lambda fitted: True)
+    pair: Any = SimpleNamespace(candidates=(dry, shake), fitted=None)
+    begun = (["base", "coulomb_friction:j1"], "where the pair ended")
+    assert search.wider(pair) == [("the base alone", "stribeck_friction:j1", begun)]

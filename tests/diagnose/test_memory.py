@@ -1,8 +1,12 @@
 """Noise of which a part fades over several frames and the rest is new in each."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from backend.diagnose import noise_learnt
 from backend.diagnose.memory import Memory, remembered
 from backend.diagnose.noise import Noise
 from tests.diagnose.test_noise import record
@@ -67,3 +71,28 @@ def test_whitening_is_that_of_the_whole_covariance_across_gaps():
     np.testing.assert_allclose(rows @ covariance @ rows.T, np.eye(time.size), atol=1e-12)
     cube = rng.standard_normal((data.value.size, 2, 3))
     np.testing.assert_allclose(white(cube), np.einsum("ij,jkl->ikl", rows, cube[white.keep]), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("still", "more", "open_"), [(900, 0.23, True), (900, 0.05, False), (20, 0.23, False)],
+    ids=["far more than they leave open", "as they leave open", "too few to tell"],
+)  # fmt: skip
+def test_the_memory_that_still_frames_tell_is_bettered_as_far_as_they_leave_it_open(monkeypatch, still, more, open_):
+    """What a drawing misses has a memory of its own."""
+    rows = 2000
+    data = SimpleNamespace(
+        channels=[SimpleNamespace(at="marker:m", unit="m")], channel=np.zeros(rows, int),
+        time_s=np.arange(rows) / 100.0, still=np.arange(rows) < still,
+    )  # fmt: skip
+    noise = SimpleNamespace(memory={"marker": Memory(0.5)})
+    fitted: Any = SimpleNamespace(
+        subject=SimpleNamespace(noise=noise), probes=(SimpleNamespace(data=data),), fraction=1.0, r=np.zeros(rows)
+    )
+    seer = SimpleNamespace(white=[SimpleNamespace(keep=np.arange(rows))], rows=(slice(0, rows),))
+    monkeypatch.setattr(noise_learnt, "Seer", lambda *asked: seer)
+    monkeypatch.setattr(noise_learnt, "left_over", lambda fitted, latent: np.full(rows, 1.1))
+    monkeypatch.setattr(noise_learnt, "neighbour_correlation", lambda fitted, latent, follows: more)
+    latent: Any = None
+    assert noise_learnt.remember(fitted, latent)
+    told = noise_learnt.OPEN * np.sqrt(0.75 / still)
+    assert noise.memory["marker"].coefficient == pytest.approx(0.5 + (told if open_ else more))
