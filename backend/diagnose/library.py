@@ -165,7 +165,8 @@ def library(
 
 def heard(known: Library, loudness: Float[np.ndarray, " parameters"]) -> Library:
     """Without the numbers of a cause that move nothing to first order where another of its numbers does: how far a rail
-    leans sideways would be fitted to what the cause leaves.
+    leans sideways would be fitted to what the cause leaves. Nor with shared causes of which one place alone moves
+    anything, as of inertias where all other bodies are told how to move: they are that place's own.
 
     loudness: size of each parameter's slope where nothing is amiss [sigmas of the data].
     """
@@ -175,7 +176,14 @@ def heard(known: Library, loudness: Float[np.ndarray, " parameters"]) -> Library
         loudest = loud[c.sizes].max(initial=0.0)
         return c.only(~c.sizes | (loud > SILENT * loudest)) if loudest > SILENT else c
 
-    return replace(known, candidates=tuple(map(audible, known.candidates)))
+    def of_one_place(c: Candidate) -> bool:
+        if not c.label:
+            return False
+        ways = [loudness[list(take)] * sd for take, sd, size in zip(c.takes, c.prior_sd, c.sizes, strict=True) if size]
+        loud = np.linalg.norm(ways, axis=0) if ways else np.zeros(0)
+        return bool(np.sum(loud > SILENT * loud.max(initial=0.0)) == 1)
+
+    return replace(known, candidates=tuple(audible(c) for c in known.candidates if not of_one_place(c)))
 
 
 def alike(known: Library, other: Library) -> Library:

@@ -172,3 +172,13 @@ def test_where_a_spring_rests_stays_free_although_it_moves_nothing_before_there_
 def test_where_nothing_moves_every_number_stays():
     found = library(fourbar(), SMOOTH)
     assert heard(found, np.zeros(len(found.parameters))) == found
+
+
+@pytest.mark.parametrize(("moving", "shared"), [(("rocker",), False), (("rocker", "coupler"), True)])
+def test_what_one_place_alone_can_show_is_that_places_own(moving, shared):
+    """Of bodies that are told how to move nobody sees the inertia."""
+    found = library(fourbar(), SMOOTH)
+    silent = [p.kind == "inertia_error" and not set(p.on) & set(moving) for p in found.parameters]
+    names = {c.name for c in heard(found, np.where(silent, 0.0, 1.0)).candidates if c.kind == "inertia_error"}
+    assert {f"inertia_error:{body}" for body in moving} <= names
+    assert ("inertia_error:all" in names) == shared
