@@ -15,7 +15,8 @@ from backend.diagnose.cause import Cause, is_new
 from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.ends import stopping_alike
 from backend.diagnose.fitted import mean_square
-from backend.diagnose.library import LOAD, PLAYS, SMOOTH, STOPS, alike, families, library, rubs_dry
+from backend.diagnose.heard import alike
+from backend.diagnose.library import LOAD, PLAYS, SMOOTH, STOPS, families, library, rubs_dry
 from backend.diagnose.onset import MOVED, Onset, moved, onset
 from backend.diagnose.screen import LARGE
 from backend.diagnose.standards import NOTHING, SMALL, SURE, WIDE, AbstractStandards

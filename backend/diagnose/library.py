@@ -12,9 +12,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
-import numpy as np
-from jaxtyping import Float
-
 from backend.diagnose.candidate import Candidate
 from backend.effects.catalogue import catalogue
 from backend.effects.effect import AbstractEffect
@@ -46,7 +43,6 @@ TIGHT = 1e-6  # mechanism lengths: play of a pin that is as good as none
 GIVES = (10.0, 1.0, 0.1)  # of the softest stiffness that nobody need state: where a search for it begins
 OF_DRAWN = 0.3  # of a value that is drawn: how far it may be off before any data
 FAINT = 1e-6  # of the size that is expected: so little of an absent effect is there that it tells its shape's slope
-SILENT = 1e-6  # of what the loudest number of a cause moves
 KNOWN_ENOUGH = 3.0  # a tolerance of a drawing is a finding beyond so many of its standard deviations
 
 
@@ -161,36 +157,6 @@ def library(
         c for c in _candidates(mechanism, wanted, as_causes, found, tries, unstated, late) if c.kind not in without
     ]
     return Library(family, parameters, tuple(added.values()), _shared_out(candidates), nuisances, neutral)
-
-
-def heard(known: Library, loudness: Float[np.ndarray, " parameters"]) -> Library:
-    """Without the numbers of a cause that move nothing to first order where another of its numbers does: how far a rail
-    leans sideways would be fitted to what the cause leaves. Nor with shared causes of which one place alone moves
-    anything, as of inertias where all other bodies are told how to move: they are that place's own.
-
-    loudness: size of each parameter's slope where nothing is amiss [sigmas of the data].
-    """
-
-    def audible(c: Candidate) -> Candidate:
-        loud = np.array([np.linalg.norm(loudness[list(take)]) for take in c.takes]) * c.prior_sd
-        loudest = loud[c.sizes].max(initial=0.0)
-        return c.only(~c.sizes | (loud > SILENT * loudest)) if loudest > SILENT else c
-
-    def of_one_place(c: Candidate) -> bool:
-        if not c.label:
-            return False
-        ways = [loudness[list(take)] * sd for take, sd, size in zip(c.takes, c.prior_sd, c.sizes, strict=True) if size]
-        loud = np.linalg.norm(ways, axis=0) if ways else np.zeros(0)
-        return bool(np.sum(loud > SILENT * loud.max(initial=0.0)) == 1)
-
-    return replace(known, candidates=tuple(audible(c) for c in known.candidates if not of_one_place(c)))
-
-
-def alike(known: Library, other: Library) -> Library:
-    """With the numbers that the same candidates of another library have."""
-    names = {c.name: {p.name for p in c.parameters} for c in other.candidates}
-    kept = [c.only([p.name in names.get(c.name, {p.name}) for p in c.parameters]) for c in known.candidates]
-    return replace(known, candidates=tuple(kept))
 
 
 def _shared_out(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:

@@ -15,9 +15,10 @@ from backend.diagnose.climb import Climb
 from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.diagnosis import Diagnosis, Drawn
 from backend.diagnose.fitted import mean_square
+from backend.diagnose.heard import heard
 from backend.diagnose.judgement import CLEAR, MOST_OF_IT, Judgement, held_out
 from backend.diagnose.kept import Kept
-from backend.diagnose.library import SMOOTH, heard, library
+from backend.diagnose.library import SMOOTH, library
 from backend.diagnose.screen import library_slopes
 from backend.diagnose.standards import TRIFLE
 from backend.diagnose.step_error import ORDERLY, apart, orderly, step_error, step_errors

@@ -5,7 +5,7 @@ import pytest
 
 from backend.blind.withheld import case, library, outside
 from backend.blind.withheld.case import reality
-from backend.blind.withheld.causes import EVERYWHERE, KINDS, Rig, cause, cause_everywhere, places
+from backend.blind.withheld.causes import KINDS, OF_ONE_MAKE, Rig, cause, cause_everywhere, places
 from backend.blind.withheld.detectability import Record, Witness, confusion, distance, rivals_of
 from backend.blind.withheld.laws import Change, as_drawn, changed
 from backend.blind.withheld.measurement import Noise, noisy, seen
@@ -67,7 +67,7 @@ def test_it_moves_the_record_and_is_nothing_at_size_zero(double, sprung, name):
         np.testing.assert_array_equal(value, drawn.numbers[number])
 
 
-@pytest.mark.parametrize(("name", "shared"), EVERYWHERE.items())
+@pytest.mark.parametrize(("name", "shared"), OF_ONE_MAKE.items())
 def test_parts_of_one_make_may_all_be_off_alike(double, name, shared):
     rig, starts = double
     rng, size = np.random.default_rng(0), KINDS[name].high

@@ -225,7 +225,8 @@ def test_a_set_that_does_the_same_begins_where_it_does(drawing):
     """A turned camera for a base that leans: the bar starts that much higher."""
     from backend.diagnose.cause import begun_from
     from backend.diagnose.fitted import Seer, fit
-    from backend.diagnose.library import SMOOTH, heard, library
+    from backend.diagnose.heard import heard
+    from backend.diagnose.library import SMOOTH, library
     from backend.diagnose.same_motion import begun_alike
     from backend.diagnose.screen import beyond, library_slopes
     from backend.diagnose.subject import prepare

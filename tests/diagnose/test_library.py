@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.diagnose.library import LOAD, SMOOTH, alike, families, heard, library
+from backend.diagnose.heard import alike, heard
+from backend.diagnose.library import LOAD, SMOOTH, families, library
 from backend.diagnose.switch import SHARES, openings
 from backend.effects.catalogue import catalogue
 from backend.mechanism.study import Tolerance

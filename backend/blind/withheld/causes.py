@@ -17,10 +17,12 @@ from backend.blind.withheld.linkage import GRAVITY, Linkage
 Rng = np.random.Generator
 AIR_KG_PER_M3 = 1.225  # ISO 2533
 FAINT = 0.2  # of a kind's lowest telling size: what is drawn goes down to where it can just be seen
-EVERYWHERE = {"viscous_friction": True, "coulomb_friction": True, "pin_friction": False, "clearance": False,
+OF_ONE_MAKE = {"viscous_friction": True, "coulomb_friction": True, "pin_friction": False, "clearance": False,
               "linear_drag": True}  # fmt: skip
-"""What may be alike at all hinges or links, as parts of one make are; of these, whether they share one size."""
-SHARE_EVERYWHERE = 0.4  # of the draws of such a kind
+"""What may be alike at all hinges or links, and whether they share a single one's size among them, lest all together
+hold the rig against its own weight.
+"""
+SHARE_OF_ONE_MAKE = 0.4  # of the draws of such a kind
 STOP_DEPTH_RAD = 6e-3  # how far a blow with the rig's own energy enters a stop
 
 
@@ -155,7 +157,7 @@ def cause_everywhere(rig: Rig, name: str, size: float, rng: Rng) -> Cause | None
     """A cause that is alike at all hinges or links of a rig; None where it has but one."""
     k = KINDS[name]
     at = [i for i in places(rig.linkage, k.at) if k.at != "joint" or rig.turns(i)]
-    each = size / len(at) if EVERYWHERE[name] and at else size
+    each = size / len(at) if OF_ONE_MAKE[name] and at else size
     made = [one for i in at if (one := cause(rig, name, i, each, rng))]
     if len(made) < 2:
         return None
@@ -175,7 +177,7 @@ def drawn_cause(rig: Rig, name: str, rng: Rng) -> Cause | None:
     """
     k = KINDS[name]
     at = places(rig.linkage, k.at)
-    if name in EVERYWHERE and rng.random() < SHARE_EVERYWHERE:
+    if name in OF_ONE_MAKE and rng.random() < SHARE_OF_ONE_MAKE:
         size = float(np.exp(rng.uniform(np.log(k.low * FAINT), np.log(k.high))))
         if made := cause_everywhere(rig, name, size, rng):
             return made
