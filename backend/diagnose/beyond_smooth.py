@@ -35,6 +35,7 @@ WORTH_A_TRY = 15.0  # sum of squares left, in noise variances
 HARM = 4.0  # noise variances a sample, of a beginning that is well without it: so much no smooth single cause does
 BORNE_OUT = 2  # single causes that held-out experiments bear out best, beside which a stop is tried
 CLOSELY = 0.02  # of the size of what one of two effects does
+LARGER = 0.8  # of the gap's power: the larger of two effects, alone, leaves less
 MOST = 0.5  # one more effect must leave at most this share of the power where the law of blows would excuse it
 
 
@@ -74,7 +75,8 @@ class AbstractBeyondSmooth(AbstractStandards):
             if search is None:
                 continue
             self.searches[id(search.subject)] = search
-            for cause in switching(search, self.baseline, family, motion, best):
+            made = switching(search, self.baseline, family, motion, best)
+            for cause in made:
                 self.search.tried[cause.names] = cause
                 if self._likelier(cause, best):
                     best, last = self._judged(cause, search)
@@ -84,7 +86,7 @@ class AbstractBeyondSmooth(AbstractStandards):
                 best, last = self._closer(*self._joined(best, last, search), search)
             if self._settled(best, last):
                 break
-            besides = self._besides(best, None if found else alone, found)
+            besides = self._besides(best, None if found else alone, found, made)
             if refused and family in STOPS:
                 besides += self._borne_out(besides)
             for beside in besides:
@@ -146,6 +148,13 @@ class AbstractBeyondSmooth(AbstractStandards):
                     if self._likelier(found, best):
                         best, last = self._judged(found, search)
         return best, last
+
+    def _takes_its_part(self, cause: Cause) -> bool:
+        """Whether a cause could be the larger of two effects, by what it takes off alone."""
+        drawn, fitted = self.baseline.fitted, cause.fitted
+        if drawn.fraction < 1.0:
+            return True
+        return fitted.fraction == 1.0 and fitted.chi2 - fitted.r.size < LARGER * (drawn.chi2 - drawn.r.size)
 
     def _nothing_of(self, best: Cause, last: Adequacy) -> bool:
         """Whether a pair leaves next to nothing of what its better half alone does: smooth causes do not follow what
@@ -241,15 +250,18 @@ class AbstractBeyondSmooth(AbstractStandards):
         """The likeliest of these."""
         return max(self._alone(), key=self._by_fit, default=None)
 
-    def _besides(self, best: Cause, alone: Cause | None, found: bool) -> list[Cause]:
+    def _besides(self, best: Cause, alone: Cause | None, found: bool, made: list[Cause]) -> list[Cause]:
         """Single causes beside which one that switches on is tried: what is enough for the beginnings of the records;
         the likeliest, and each member of the best pair, of which the other may only imitate what switches on. found:
-        whether the best set switches on already, which all but the first of these would be tried beside in vain.
+        whether the best set switches on already, which all but the first of these would be tried beside in vain. made:
+        those of the family alone; of two effects one of them, or the smooth one, takes its part off without the other.
         """
         if len(best.candidates) > SURE:
             return []
         members = [] if found else [self._single(best, m) for m in best.candidates]
         whole = [c for c in (alone, *members) if c is not None and c.fitted.fraction == 1.0]
+        if not any(map(self._takes_its_part, made)):
+            whole = [c for c in whole if self._takes_its_part(c)]
         asked: dict[tuple[str, ...], Cause] = {}
         for cause in whole if self._at_first is None else (self._at_first, *whole):
             asked.setdefault(cause.names, cause)

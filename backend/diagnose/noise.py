@@ -23,6 +23,7 @@ ENOUGH = 60  # static samples of one kind of channel: its sd is then known to a 
 ALIKE = 1.7  # channels whose noise differs by less share one estimate
 RARE = 3e-5  # probability of a good sample to be missed so far by a cubic through its neighbours
 ROUNDS = 8
+DRIFTS = 5.0  # sd of a rate that still frames of one channel share
 STRAY = 4.3  # sd: a sample of a smooth record that nothing smooth explains
 BETWEEN, BEFORE = np.array([-2, -1, 1, 2]), -np.arange(1, 7)  # neighbours of a sample; of one at an end
 
@@ -119,6 +120,7 @@ def estimate(data: Sequence[Measured]) -> Noise:
         still = _calm(data, keep, still)
         series = [data[i].value[rows] - data[i].value[rows].mean() for i, _, rows in still]
         when = [data[i].time_s[rows] for i, _, rows in still]
+        series = _without_drift(series, when, [_name(data[i], c) for i, c, _ in still])
         when = [t / np.median(np.diff(t)) for t in when]
         a = memory[kind] = remembered(series, when, _coefficient(series))
         names = {data[i].channels[c].at + data[i].channels[c].coordinate for i, c, _ in still}
@@ -209,6 +211,26 @@ def _coefficient(series: Sequence[np.ndarray]) -> float:
     a = (a + 1.0 / n) / (1.0 - 3.0 / n)
     sd = 1.0 / np.sqrt(sum(s.size for s in series))
     return float(np.clip(a, 0.0, 0.97)) if abs(a) > 2.0 * sd else 0.0
+
+
+def _without_drift(
+    series: Sequence[np.ndarray], time_s: Sequence[np.ndarray], names: Sequence[str]
+) -> list[Float[np.ndarray, " samples"]]:
+    """Series about zero without the rate that a channel keeps in all of its own, where it is beyond what their noise
+    lets them have: a mark that slips is no noise of all the others.
+    """
+    made = list(series)
+    for name in dict.fromkeys(names):
+        mine = [k for k, of in enumerate(names) if of == name]
+        since = [time_s[k] - time_s[k].mean() for k in mine]
+        lever = sum(float(t @ t) for t in since)
+        rate = sum(float(t @ series[k]) for t, k in zip(since, mine, strict=True)) / lever
+        rest = [series[k] - rate * t for t, k in zip(since, mine, strict=True)]
+        a, power = _coefficient(rest), sum(float(s @ s) for s in rest) / sum(s.size for s in rest)
+        if rate**2 * lever > DRIFTS**2 * power * (1.0 + a) / (1.0 - a):
+            for k, s in zip(mine, rest, strict=True):
+                made[k] = s
+    return made
 
 
 def _sd(series: Sequence[np.ndarray], memory: Memory) -> float:

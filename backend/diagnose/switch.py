@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.fitted import Fitted, Seer, start_of
@@ -23,12 +24,15 @@ LITTLE = 0.02  # rad or mechanism lengths: an end within so short a way is not l
 FACTORS = (0.12, 0.25, 0.5, 1.0, 2.0)  # of the expected size
 RUBS = 0.4  # of its sd before any data, where nobody states it: a coefficient of 0.1
 TELLS = 0.9  # of the misfit: walls that rub leave at most this share of what smooth ones leave, or are not begun with
+CAP = 10.0  # sd: of openings, what is missed by more counts no more
 EARLY = 0.5  # of the records: later, what switched on at another moment has long gone its own way
 
 
-def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarray]) -> Iterator[dict[str, float]]:
+def openings(
+    subject: Subject, candidate: Candidate, passed: dict[str, np.ndarray], shares: Sequence[float] = SHARES
+) -> Iterator[dict[str, float]]:
     """Values, by name, to begin a search from. passed: q of each joint that an unknown force would move (experiments,
-    times) under the drawing.
+    times), under the drawing or a cause. shares: of that way, at which an end of travel may stand.
     """
     if issubclass(catalogue()[candidate.kind], AbstractJointStop):
         q, size = passed.get(candidate.on[0]), subject.size_of(candidate.on[0])
@@ -37,7 +41,7 @@ def openings(subject: Subject, candidate: Candidate, passed: dict[str, np.ndarra
         (p,), (take,) = candidate.parameters, candidate.takes
         first, last = (q[:, 0].max(), q.max()) if is_upper(candidate) else (q[:, 0].min(), q.min())
         if abs(last - first) > LITTLE * size:
-            yield from ({p.name: float(first + share * (last - first))} for share in SHARES)
+            yield from ({p.name: float(first + share * (last - first))} for share in shares)
         if (drawn := float(subject.neutral[take[0]])) != _default(candidate):
             yield {p.name: drawn}
         return
@@ -75,12 +79,20 @@ def promising(
         cost = _early(subject, (*beside, candidate), {**(known or {}), **values})
         best = min(best, (cost, values, candidate), key=lambda b: b[0])
     cost, values, _ = best
-    if values and (rough := rubbing(candidate)) is not None:
-        friction = rough.parameters[-1]
-        values = values | {friction.name: friction.start + RUBS * float(friction.prior_sd or 0.0)}
-        if (rubbed := _early(subject, (*beside, rough), {**(known or {}), **values})) < TELLS * cost:
-            return rubbed, values, rough.settling(values[rough.parameters[0].name])
+    if values and (rubbed := roughened(candidate, values)) is not None:
+        rough, values = rubbed
+        if (left := _early(subject, (*beside, rough), {**(known or {}), **values})) < TELLS * cost:
+            return left, values, rough.settling(values[rough.parameters[0].name])
     return best
+
+
+def roughened(candidate: Candidate, values: Mapping[str, float]) -> tuple[Candidate, dict[str, float]] | None:
+    """The same play with walls that rub, and values to begin it from."""
+    rough = rubbing(candidate)
+    if rough is None:
+        return None
+    friction = rough.parameters[-1]
+    return rough, {**values, friction.name: friction.start + RUBS * float(friction.prior_sd or 0.0)}
 
 
 def rubbing(candidate: Candidate) -> Candidate | None:
@@ -94,12 +106,16 @@ def rubbing(candidate: Candidate) -> Candidate | None:
 
 def _early(subject: Subject, candidates: Sequence[Candidate], values: Mapping[str, float]) -> float:
     """Sum of squares over the first half of the records: what a late blow does to the rest of one says little about its
-    place. Misses count up to ten sd.
+    place.
     """
     choice = subject.choose(*candidates)
     probes = [subject.chosen(p, choice).first(EARLY) for p in subject.fit]
-    r = Seer(subject, probes, EARLY).left(start_of(subject, choice, values))
-    return float(np.sum(np.minimum(np.nan_to_num(r, nan=10.0) ** 2, 100.0)))
+    return float(np.sum(capped(Seer(subject, probes, EARLY).left(start_of(subject, choice, values))) ** 2))
+
+
+def capped(r: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Misses of up to ten sd each, where a motion is lost as well."""
+    return np.clip(np.nan_to_num(r, nan=CAP), -CAP, CAP)
 
 
 def let_go(baseline: Fitted) -> dict[str, np.ndarray]:

@@ -9,15 +9,16 @@ import numpy as np
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, begun_from
 from backend.diagnose.fitted import BEHIND, Fitted, fit, mean_square, start_of
+from backend.diagnose.joining import SWITCHES, follows, joining
 from backend.diagnose.library import LOAD, PLAYS
 from backend.diagnose.subject import Choice
 from backend.diagnose.switch import promising
 from backend.diagnose.which import CHANCE, Search
 
-SWITCHES = 3  # causes of a kind that switches on, refitted
 BRIEF = 4  # iterations of a first look
 GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
 TAKEN = 0.6  # of the misfit beyond noise of a part of the records, left by a cause that is worth the rest of them
+NEARER = 1.5  # times what its rival leaves of most of a record, fitted to that alone while its rival was not
 SPARE = 0.25  # noise variances that a part of the records may always leave
 
 
@@ -37,6 +38,10 @@ def switching(
     """
     names = () if beside is None else beside.names
     others = [c for c in search.subject.library.candidates if c.name in names]
+    parent = baseline if beside is None else beside
+    if follows(parent):
+        made = joining(search, parent, family) if len(others) == len(names) else []
+        return sorted((_settled(search, search.keep(f)) for f in made), key=lambda c: -c.log_z)
     known = {} if beside is None else beside.values
     found = []
     for candidate in search.subject.library.candidates:
@@ -121,6 +126,7 @@ def _grown(search: Search, choice: Choice, x: np.ndarray, drawn: Fitted, rival: 
             chance = CHANCE * np.sqrt(2.0 / made.r.size)
             if not left < max(chance, taken * (mean_square(drawn, share) - 1.0)):
                 return None
-            if not left < max(chance, SPARE, BEHIND * (mean_square(rival, share) - 1.0)):
+            times = BEHIND if share < GROWING[-2] else NEARER
+            if not left < max(chance, SPARE, times * (mean_square(rival, share) - 1.0)):
                 return made
     return made

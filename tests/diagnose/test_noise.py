@@ -41,6 +41,18 @@ def test_static_frames_tell_the_size_of_the_noise_and_its_memory(memory):
     assert noise.memory["marker"].share == 1.0
 
 
+@pytest.mark.parametrize("memory", [0.0, 0.6])
+def test_a_mark_that_slips_lends_its_drift_to_no_noise(memory):
+    """Still for 0.4 s, it moves by four sigmas meanwhile; another does not."""
+    rng = np.random.default_rng(4)
+    data = [record(rng, memory=memory) for _ in range(6)]
+    for d in data:
+        d.value[d.channel == 0] += 1e-2 * d.time_s[d.channel == 0]
+    noise = estimate(data)
+    assert noise.sigma[0] == pytest.approx(np.full(480, 1e-3), rel=0.15)
+    assert noise.memory["marker"].coefficient == pytest.approx(memory, abs=0.15)
+
+
 def test_whitened_noise_is_independent_and_of_unit_size():
     rng = np.random.default_rng(2)
     data = [record(rng, memory=0.5) for _ in range(6)]

@@ -22,6 +22,7 @@ def search(monkeypatch):
         left = choice.candidates[0].leaves * ROWS
         return SimpleNamespace(choice=choice, x=start, chi2=left, r=np.zeros(ROWS), fraction=fractions[-1])
 
+    monkeypatch.setattr(switched, "follows", lambda cause: False)
     monkeypatch.setattr(switched, "promising", lambda subject, play, *asked: (1.0, {"radial_m": 1e-3}, play))
     monkeypatch.setattr(switched, "start_of", lambda *asked: np.zeros(1))
     monkeypatch.setattr(switched, "begun_from", lambda *asked: np.zeros(2))
