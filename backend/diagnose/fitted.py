@@ -158,20 +158,22 @@ def fit(
     max_iterations: int = 12,
     cancelled: Callable[[], bool] | None = None,
     ahead: float | None = None,
+    coarse: bool = False,
 ) -> Fitted:
     """Most probable values under the prior, over growing shares of the records.
 
-    ahead: sum of squares that another fit leaves of as much; one that stays far behind it ends early.
+    ahead: sum of squares that another fit leaves of as much; one that stays far behind it ends early. coarse: so does
+    any, as one that only leads on to longer records.
     """
     x = start_of(subject, choice) if start is None else start
     max_iterations = min(max_iterations, RUBBED) if choice.rubs else max_iterations
     for fraction in fractions:
-        made = _fit(subject, choice, x, fraction, max_iterations, cancelled, ahead)
+        made = _fit(subject, choice, x, fraction, max_iterations, cancelled, ahead, coarse)
         x = made.x
     return made
 
 
-def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead) -> Fitted:
+def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead, coarse) -> Fitted:
     probes = [subject.chosen(p, choice).first(fraction) for p in subject.fit]
     seer = Seer(subject, probes, fraction)
     few = len(choice.parameters)
@@ -199,7 +201,7 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead)
 
     names = [p.name for p in choice.parameters] + [f"start {i}" for i in range(x.size - few)]
     what = f"{subject.library.family}|{choice.name}|{max_iterations}"
-    numbers = [fraction, subject.step_s, choice.settled_m, ahead or 0.0, *choice.prior_sd, *x]
+    numbers = [fraction, subject.step_s, choice.settled_m, ahead or 0.0, float(coarse), *choice.prior_sd, *x]
     key = subject.kept.asked(name_of(what, numbers))
     known = subject.kept.end_of(key)
     if known is None:
@@ -210,8 +212,8 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead)
 
         solution = solved(x, max_iterations, COARSE)
         missed, rest = solution.residual[: seer.count], max_iterations - len(solution.history) + 1
-        behind = ahead is not None and missed @ missed > BEHIND * ahead
-        if solution.status == "converged" and rest > 0 and not behind:
+        early = coarse or (ahead is not None and missed @ missed > BEHIND * ahead)
+        if solution.status == "converged" and rest > 0 and not early:
             solution = solved(solution.x, rest, 2.0 * GAIN / max(independent_of(missed, seer.rows), 1.0))
         known, full, slopes = (solution.x, solution.status), solution.residual, solution.jacobian
         if not (cancelled is not None and cancelled()):

@@ -120,7 +120,7 @@ def _grown(search: Search, choice: Choice, x: np.ndarray, drawn: Fitted, rival: 
     leaves more than `taken` of what the drawing misses.
     """
     for share in GROWING:
-        made = fit(search.subject, choice, start=x, fractions=(share,))
+        made = fit(search.subject, choice, start=x, fractions=(share,), coarse=share < 1.0)
         x, left = made.x, made.chi2 / made.r.size - 1.0
         if share < 1.0:
             chance = CHANCE * np.sqrt(2.0 / made.r.size)

@@ -18,7 +18,7 @@ def search(monkeypatch):
     rubbing = SimpleNamespace(name="clearance:j1", family="clearance", closer=(), leaves=OPEN)
     play = SimpleNamespace(name="clearance:j1", family="clearance", closer=(rubbing,), leaves=HARD)
 
-    def fit(subject, choice, start, fractions, max_iterations=None):
+    def fit(subject, choice, start, fractions, max_iterations=None, coarse=False):
         left = choice.candidates[0].leaves * ROWS
         return SimpleNamespace(choice=choice, x=start, chi2=left, r=np.zeros(ROWS), fraction=fractions[-1])
 
