@@ -23,13 +23,16 @@ from backend.diagnose.flutter import flutters, waves
 from backend.diagnose.latent import Beside, Latent, evidence, log_mean, markers_and_axes, warp
 from backend.diagnose.screen import library_slopes
 from backend.diagnose.softness import softness
-from backend.diagnose.subject import SAME
+from backend.diagnose.subject import SAME, Subject
 
 CREEP = 0.05  # of the fastest speed: where a law may turn over as dry friction does
 CLOCK = 3  # powers of time by which a clock may run wrong
 RIDGE = 1e-6
 SILENT = 1e-9  # of all columns together: what moves so little says nothing
 SPANS = 1e-7  # of the largest eigenvalue: what columns of unit length span
+NAMED = {0: "effort_offset", 1: "torsion_spring", 4: "viscous_friction", 6: "coulomb_friction", 8: "rotor_inertia"}
+"""Effects that are one of a joint's powers: see `_forms`. Where a joint slides, what goes with its acceleration is a
+mass."""
 HATS = 10  # bumps over what a joint passes through, or over its speeds
 
 
@@ -37,18 +40,20 @@ HATS = 10  # bumps over what a joint passes through, or over its speeds
 class Way:
     """In which something unknown may act at a place: whitened responses to what it is made of.
 
-    law: whether it is a law of a few terms, and not against time; few: a law that may have a few of its terms alone.
+    law: whether it is a law of a few terms, and not against time; few: a law that may have a few of its terms alone;
+    named: terms of which alone it would be effects of the library, and nothing unknown.
     """
 
     L: Float[np.ndarray, "n terms"]
     law: bool = False
     few: bool = False
+    named: frozenset[int] = frozenset()
 
     def evidence(self, bare: Fitted, scale: float) -> float:
         """Log evidence of it beside a fit, had all sigmas been larger by `scale`."""
         L = self.L / np.maximum(np.linalg.norm(self.L, axis=0), 1e-300)
         if self.law:
-            return _law_evidence(bare, L, self.few)
+            return _law_evidence(bare, L, self.few, self.named)
         return log_mean(evidence(bare, self.L / (scale * float(np.median(np.linalg.norm(self.L, axis=0))))))
 
 
@@ -91,19 +96,33 @@ def unknown_about(fitted: Fitted, latent: Latent, raw: Sequence[Float[np.ndarray
     """Every way in which something unknown may act, about a fit. The causes' share of the motion is put back, to first
     order about that motion, and the unknown has to account for it. raw: responses to forces about the fit's own motion.
     """
-    ways = {at: [Way(L, True, few) for few, L in laws] for at, laws in laws_of(fitted, raw).items()}
+    ways = {
+        at: [Way(L, True, few, _named(fitted.subject, at) if few else frozenset()) for few, L in laws]
+        for at, laws in laws_of(fitted, raw).items()
+    }
     for at, L in latent.places.items():
         ways.setdefault(at, []).append(Way(L))
     return Unknown(fitted, without_causes(fitted), {at: some for at, some in ways.items() if some})
 
 
-def _law_evidence(bare: Fitted, L: Float[np.ndarray, "n terms"], few: bool) -> float:
-    """Of a law of all terms, each of unit length; few: or of one of them, or of two, whichever they are."""
+def _named(subject: Subject, at: str) -> frozenset[int]:
+    """Terms of a joint's powers that an effect of the library is."""
+    if not at.startswith("joint:"):
+        return frozenset()
+    joint, topology = at.partition(":")[2], subject.model.topology
+    slides = topology.joint_types[topology.joint_ids.index(joint)] == "prismatic"
+    held = {c.kind for c in subject.library.candidates if joint in c.on}
+    held |= {"rotor_inertia"} if slides and any(c.kind == "mass_error" for c in subject.library.candidates) else set()
+    return frozenset(term for term, kind in NAMED.items() if kind in held)
+
+
+def _law_evidence(bare: Fitted, L: Float[np.ndarray, "n terms"], few: bool, named: frozenset[int]) -> float:
+    """Of a law of all terms, each of unit length; few: or of one of them, or of two, unless all of these are named."""
     terms = range(L.shape[1])
     beside = Beside.of(bare, L)
     ways = [[list(terms)]]
     if few:
-        ways += [[[k] for k in terms], [list(two) for two in combinations(terms, 2)]]
+        ways += [[list(some) for some in combinations(terms, k) if not named.issuperset(some)] for k in (1, 2)]
     return log_mean([log_mean([log_mean(beside.evidence(some)) for some in way]) for way in ways if way])
 
 
