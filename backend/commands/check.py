@@ -69,10 +69,15 @@ def _of_study(file: Path) -> Told:
     from backend.mechanism.read import read_study
     from backend.mechanism.study_report import describe_study, study_json, study_text
 
-    study, refused = read_study(file), []
+    study, refused, warned = read_study(file), [], []
+    drawn = describe(study.mechanism)
     if _may_be_refused(study.mechanism):
         from backend.simulate.refusal import study_refusals
 
         refused = study_refusals(study)
-    report = describe_study(study, describe(study.mechanism), refused)
+    if drawn.ok and not refused:
+        from backend.fit.unexplained import unexplained
+
+        refused, warned = unexplained(study)
+    report = describe_study(study, drawn, refused, warned)
     return report.ok, study_json(report), study_text(report)

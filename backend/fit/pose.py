@@ -19,7 +19,7 @@ from backend.fit.release import ChannelStart, held_still, moving
 from backend.mechanism.study import Release
 from backend.model.model import Model
 from backend.model.state import Pose, drawn_pose
-from backend.model.system import system
+from backend.model.system import System, system
 from backend.simulate import assemble
 
 LONGEST = 0.4  # rad, or mechanism lengths, in one step of the walk
@@ -56,24 +56,31 @@ class Found:
 
 
 @dataclass(frozen=True)
-class _Target:
-    """What was seen at the release, one entry a channel; angle marks columns that repeat every turn."""
+class Target:
+    """What was seen at the release, one entry a channel; angle marks columns that repeat every turn.
+
+    loose: what the channels share and is not asked, such as where an origin lies: directions of misses (k, d).
+    """
 
     at: tuple[str, ...]
     column: Int[np.ndarray, " k"]
     start: tuple[ChannelStart, ...]
     angle: np.ndarray
     size: Float[np.ndarray, " k"]
+    loose: Float[np.ndarray, "k d"] | None = None
 
     @property
     def value(self) -> np.ndarray:
+        """What each channel showed [m or rad] (k,)."""
         return np.array([s.value for s in self.start])
 
     @property
     def rate(self) -> np.ndarray:
+        """How fast each channel changed [m/s or rad/s] (k,)."""
         return np.array([s.rate for s in self.start])
 
     def miss(self, seen: np.ndarray) -> np.ndarray:
+        """What each channel showed beyond what is seen of a pose; angles within half a turn [m or rad] (k,)."""
         miss = self.value - seen[self.column]
         return np.where(self.angle, (miss + np.pi) % (2 * np.pi) - np.pi, miss)
 
@@ -85,14 +92,23 @@ class _Target:
         its = places == at
         return Miss(at, float(np.linalg.norm(miss[its])), "rad" if self.angle[its].any() else "m")
 
+    def without(self, at: str) -> Target:
+        """What is left when one marker or joint is not asked."""
+        kept = np.array([place != at for place in self.at])
+        start = tuple(s for s, keep in zip(self.start, kept, strict=True) if keep)
+        at_others = tuple(place for place in self.at if place != at)
+        return Target(at_others, self.column[kept], start, self.angle[kept], self.size[kept])
+
+    def asked(self, off: np.ndarray) -> np.ndarray:
+        """Misses, or their slopes (k, ...), without what is loose."""
+        return off if self.loose is None else off - self.loose @ np.linalg.lstsq(self.loose, off)[0]
+
 
 def find_start(model: Model, data: Measured, release: Release) -> Found:
     """The start of an experiment from its own first samples alone (see `release`)."""
-    target = _target(model, data, release)
-    made, drawn = _drawn(model)
-    if not _is_placed(drawn):
-        raise ValueError("The drawn pose, from which the start is sought, cannot be closed: see linktwin check.")
-    best = _walk(model, made, drawn, target)
+    target = target_of(model, data, release)
+    made, drawn = as_drawn(model)
+    best = walk(model, made, drawn, target)
     rng = np.random.default_rng(0)
     for _ in range(OTHERS):
         if best[0] < WELL:
@@ -104,7 +120,7 @@ def find_start(model: Model, data: Measured, release: Release) -> Found:
             there = _closed(made, elsewhere, jnp.asarray(motions @ kick))
             if _is_placed(there):  # so far at once, a chain in space may not be closed again
                 elsewhere = there
-        found = _walk(model, made, elsewhere, target)
+        found = walk(model, made, elsewhere, target)
         best = min(best, found, key=lambda f: f[0])
     rms, pose, motions = best
     if not np.isfinite(rms):
@@ -120,7 +136,8 @@ def find_start(model: Model, data: Measured, release: Release) -> Found:
     return Found(pose, motions, np.zeros_like(rates) if release.at_rest else rates, turns, rms, target.worst(seen))
 
 
-def _target(model: Model, data: Measured, release: Release) -> _Target:
+def target_of(model: Model, data: Measured, release: Release) -> Target:
+    """What an experiment's first samples show of where it begins; ValueError where they show nothing of it."""
     joints, points = len(model.topology.joint_ids), 3 * len(model.marker_ids)
     posing = [i for i, c in enumerate(data.channels) if c.column < joints + points]
     if not posing:
@@ -134,7 +151,15 @@ def _target(model: Model, data: Measured, release: Release) -> _Target:
     turning = np.array([t != "prismatic" for t in model.topology.joint_types], bool)
     angle = np.array([c < joints and turning[c] for c in column], bool)
     size = np.where(angle, 1.0, model.scale.length_m)
-    return _Target(tuple(data.channels[i].at for i in posing), column, tuple(starts), angle, size)
+    return Target(tuple(data.channels[i].at for i in posing), column, tuple(starts), angle, size)
+
+
+def as_drawn(model: Model) -> tuple[System, Pose]:
+    """The system, and the drawn pose with its loops closed, where searches begin; ValueError where they cannot be."""
+    made, drawn = _drawn(model)
+    if not _is_placed(drawn):
+        raise ValueError("The drawn pose, from which the start is sought, cannot be closed: see linktwin check.")
+    return made, drawn
 
 
 @jax.jit
@@ -153,15 +178,15 @@ def _is_placed(pose: Pose) -> bool:
     return bool(np.isfinite(pose.position).all() and np.isfinite(pose.quaternion).all())
 
 
-def _walk(model: Model, made, pose: Pose, target: _Target) -> tuple[float, Pose, np.ndarray]:
+def walk(model: Model, made, pose: Pose, target: Target, steps: int = 60) -> tuple[float, Pose, np.ndarray]:
     """The rms miss where the walk from a pose ends (infinite: lost), the pose there and its free motions."""
-    for _ in range(60):
+    for _ in range(steps):
         motions = assemble.free_motions(made, pose)
         seen, slope = (np.asarray(a) for a in look(model, pose, jnp.asarray(motions)))
         if not (np.isfinite(seen[target.column]).all() and np.isfinite(slope[target.column]).all()):
             return np.inf, pose, motions
-        miss = target.miss(seen) / target.size
-        step = _least(slope[target.column] / target.size[:, None], miss)
+        miss = target.asked(target.miss(seen) / target.size)
+        step = _least(target.asked(slope[target.column] / target.size[:, None]), miss)
         longest = np.abs(step).max(initial=0.0)
         if longest < 1e-10:
             break

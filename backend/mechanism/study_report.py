@@ -50,15 +50,17 @@ class StudyReport(Part):
         return self.mechanism.ok and not self.errors
 
 
-def describe_study(study: Study, mechanism: GraphReport, errors: Sequence[str] = ()) -> StudyReport:
-    """What a study holds. mechanism: the report of its drawing; errors: what else is known to be wrong with it."""
+def describe_study(
+    study: Study, mechanism: GraphReport, errors: Sequence[str] = (), warnings: Sequence[str] = ()
+) -> StudyReport:
+    """What a study holds. mechanism: the report of its drawing; errors, warnings: what else is known of it."""
     nothing = study.nothing_to_fit()
     return StudyReport(
         mechanism=mechanism,
         experiments=tuple(_of(experiment) for experiment in study.experiments),
         tolerances=len(study.tolerances),
         errors=(*([nothing] if nothing else []), *(e for e in errors if e not in mechanism.errors)),
-        warnings=tuple(said for said in study_findings(study) if said not in mechanism.warnings),
+        warnings=tuple(said for said in (*study_findings(study), *warnings) if said not in mechanism.warnings),
     )
 
 
