@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.study import Experiment
 from backend.mechanism.tracks import PLACES
 
 if TYPE_CHECKING:
@@ -62,6 +63,20 @@ def seen(tracks: pd.DataFrame, mechanism: Mechanism) -> list[Series]:
     return found
 
 
+def recorded(experiment: Experiment, mechanism: Mechanism) -> Iterator[tuple[str, np.ndarray, np.ndarray, str]]:
+    """Each coordinate that was recorded at least twice: whose, its times [s], its values, and their unit (m or rad)."""
+    tracks, joints = experiment.tracks, experiment.joint_positions
+    for one in [] if tracks is None else seen(tracks, mechanism):
+        for x in one.places_m.T[one.measured]:
+            known = np.isfinite(x)
+            if known.sum() > 1:
+                yield f'marker "{one.marker}"', one.time_s[known], x[known], "m"
+    for id, rows in [] if joints is None else joints.dropna(subset=["q"]).groupby("joint", sort=False):
+        if len(rows) > 1:
+            unit = "m" if mechanism.joint(str(id)).type == "prismatic" else "rad"
+            yield f'joint "{id}"', rows["time_s"].to_numpy(float), rows["q"].to_numpy(float), unit
+
+
 def instants(series: list[Series]) -> np.ndarray:
     """Evenly over the time in which all of them were seen; none where they were not seen together [s]."""
     first = max((one.time_s[0] for one in series), default=0.0)
@@ -77,6 +92,11 @@ class Pair:
     other: Series
     seen_m: float
     drawn_m: float
+
+    def whole(self, axis: int | None) -> bool:
+        """Whether coordinates enough were measured for their distance to stay. axis: along which nothing moves."""
+        measured = self.one.measured & self.other.measured
+        return bool(measured.all() or (axis is not None and np.delete(measured, axis).all()))
 
 
 def pairs(series: list[Series]) -> Iterator[Pair]:

@@ -1,9 +1,10 @@
-"""What stands out in a study that can be read: releases, windows, drives, tolerances and columns that are likely slips,
-records that stand twice, and numbers that are another unit's."""
+"""What stands out in a study that can be read: drives, tolerances and columns that are likely slips, records that stand
+twice, and numbers that are another unit's."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,15 +14,20 @@ from backend.mechanism.findings import gravity_findings
 from backend.mechanism.joint import WITHOUT_COORDINATE
 from backend.mechanism.kinds import EffectKind
 from backend.mechanism.mechanism import Mechanism
+from backend.mechanism.release_findings import GAP, release_findings
+from backend.mechanism.rigid import rigid_findings
 from backend.mechanism.seen import reach_m
 from backend.mechanism.study import Experiment, Study, Tolerance, driven_effects
-from backend.mechanism.tracks import SHOWN
+from backend.mechanism.tracks import PIXELS, PLACES, SHOWN
 from backend.mechanism.turns import TURN
 from backend.mechanism.units import unit_findings
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 MANY_TURNS = 2.0  # to and fro: what swings so far in degrees does in an angle of seven
+BREAKS_OFF = 0.1  # of an experiment, without a record of what was a force until then
 FEW_ROWS = 10  # below which a record is a list of what was switched, not sampled
-GAP = 3.0  # intervals that a record may begin or end away from what it belongs to
 
 
 def study_findings(study: Study) -> list[str]:
@@ -76,7 +82,7 @@ def _of_shared_tables(study: Study) -> Iterator[str]:
     for experiment in study.experiments:
         for name in ("tracks", "joint_positions"):
             if (table := getattr(experiment, name)) is not None:
-                numbers = table.select_dtypes("number").to_numpy(float).tobytes()
+                numbers = _values(table).tobytes()
                 alike.setdefault((name, numbers), []).append(experiment)
     for (name, _), same in alike.items():
         uses = {experiment.use for experiment in same}
@@ -85,6 +91,13 @@ def _of_shared_tables(study: Study) -> Iterator[str]:
         void = "what is held out was fitted, and tests nothing" if len(uses) > 1 else "they count as often in the fit"
         who = ", ".join(f"'{experiment.id}' ({experiment.use})" for experiment in same[:SHOWN])
         yield f"experiments {who} have the same {name}: {void}. Give each its own record, or leave out the others"
+
+
+def _values(table: pd.DataFrame) -> np.ndarray:
+    """What was measured; a clock that was set otherwise makes no other record, where enough was measured to tell."""
+    numbers = table.select_dtypes("number").drop(columns=["frame"], errors="ignore")
+    clock = table["time_s"].to_numpy(float)
+    return numbers.assign(time_s=np.round(clock - clock.min(), 6) if clock.size >= FEW_ROWS else clock).to_numpy(float)
 
 
 def _of_drives_named_like_joints(study: Study) -> Iterator[str]:
@@ -103,36 +116,17 @@ def _of_experiment(experiment: Experiment, mechanism: Mechanism) -> Iterator[str
     if not tables:
         return
     times = np.unique(np.concatenate([table["time_s"].to_numpy(float) for table in tables]))
-    yield from _of_release(experiment, times)
-    yield from _of_drives(experiment, float(times[-1]))
+    yield from release_findings(experiment, times, mechanism)
+    yield from _of_drives(experiment, mechanism, float(times[-1]))
     yield from _of_angles(experiment, mechanism)
     yield from unit_findings(experiment, mechanism)
     if experiment.tracks is not None:
+        yield from _of_unseen(experiment.tracks)
         yield from column_findings(experiment.tracks, mechanism)
+        yield from rigid_findings(experiment.tracks, mechanism)
 
 
-def _of_release(experiment: Experiment, times: np.ndarray) -> Iterator[str]:
-    release, first, last = experiment.release, float(times[0]), float(times[-1])
-    interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
-    if release.time_s < first and (release.time_s < 0.0 or first - release.time_s > GAP * interval):
-        yield (
-            f"release.time_s is {release.time_s:g} s, {first - release.time_s:.3g} s before its first sample at "
-            f"{first:g} s: nothing shows how it stood or moved until then. Check sign and clock"
-        )
-    if not release.at_rest and release.time_s + release.window_s > last:
-        yield (
-            f"release.window_s is {release.window_s:g} s, but its last sample comes {last - release.time_s:.3g} s "
-            "after the release: the whole record says where it starts, and of a held-out one nothing is left to be "
-            "foretold. Shorten the window"
-        )
-    if release.at_rest and release.states_a_window:
-        yield (
-            f"release.window_s is {release.window_s:g} s beside at_rest true, where the static frames alone say how it "
-            'starts. Leave it out, or write "at_rest": false if it starts in motion'
-        )
-
-
-def _of_drives(experiment: Experiment, last: float) -> Iterator[str]:
+def _of_drives(experiment: Experiment, mechanism: Mechanism, last: float) -> Iterator[str]:
     if experiment.inputs is None:
         return
     release = experiment.release.time_s
@@ -148,13 +142,24 @@ def _of_drives(experiment: Experiment, last: float) -> Iterator[str]:
                 f"until then its first value, {values[0]:g}, is taken to hold. Record it from the release on, or check "
                 "the clock"
             )
-        # What rests where it ends, or is a list of switchings, may well stay there.
-        if sampled and values[-1] != values[-2] and last - times[-1] > GAP * interval:
+        # What is switched off, led to a place, or a list of switchings, may well stay there, and not be logged.
+        led = values[-1] == 0.0 or any(e.id == effect and e.kind == "prescribed_motion" for e in mechanism.effects)
+        rests = sampled and values[-1] == values[-2] and (led or last - times[-1] < BREAKS_OFF * (last - release))
+        if sampled and not rests and last - times[-1] > GAP * interval:
             yield (
                 f"{where} ends at {times[-1]:g} s, {last - times[-1]:.3g} s before the last sample at {last:g} s: from "
                 f"then on its last value, {values[-1]:g}, is taken to hold. Record it to the end, or cut the tables "
                 "there"
             )
+
+
+def _of_unseen(tracks: pd.DataFrame) -> Iterator[str]:
+    """Markers that stand in the table and were measured nowhere, neither in the world nor in the picture."""
+    columns = [column for column in (*PLACES, *PIXELS) if column in tracks]
+    measured, names = tracks[columns].notna().to_numpy().any(axis=1), tracks["marker"].to_numpy(str)
+    for marker in dict.fromkeys(names):
+        if not (its := measured[names == marker]).any():
+            yield f'marker "{marker}" stands in {its.size} rows and was measured in none: track it, or take them out'
 
 
 def _of_angles(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:

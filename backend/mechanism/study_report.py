@@ -12,6 +12,7 @@ from backend.mechanism.graph import GraphReport
 from backend.mechanism.part import Part
 from backend.mechanism.study import Experiment, Study, Use
 from backend.mechanism.study_findings import study_findings
+from backend.mechanism.tracks import PIXELS, PLACES
 
 
 class ExperimentReport(Part):
@@ -80,12 +81,19 @@ def _of(experiment: Experiment) -> ExperimentReport:
         duration_s=float(times[-1]) - release.time_s if times.size else None,
         samples=times.size,
         still=int(np.sum(times < release.time_s)),
-        markers=_names(tracks, "marker"),
+        markers=_names(_seen(tracks), "marker"),
         encoders=_names(positions, "joint"),
         efforts=_names(efforts, "joint"),
         driven=tuple(f"{effect}.{name}" for effect, name in dict.fromkeys(driven)),
         overridden=tuple(f"{id}.{name}" for id, given in experiment.overrides.items() for name in given),
     )
+
+
+def _seen(tracks: Any) -> Any:
+    """Rows of the tracks in which anything was measured."""
+    if tracks is None:
+        return None
+    return tracks[tracks[[name for name in (*PLACES, *PIXELS) if name in tracks]].notna().any(axis=1)]
 
 
 def _names(table: Any, column: str) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from backend.mechanism.columns import plane_axis
 from backend.mechanism.loops import connectivity
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.ratios import times
-from backend.mechanism.seen import Series, pairs, reach_m, seen
+from backend.mechanism.seen import Series, pairs, reach_m, recorded, seen
 from backend.mechanism.study import Experiment
 
 if TYPE_CHECKING:
@@ -21,6 +21,8 @@ FAR = 100.0  # times all that the parts measure together: no mechanism reaches s
 WIDE = 5.0  # times the same, for a box around all that hangs on pins: its diagonal cannot be above 2 √3 of them
 SCALED = 10.0  # between drawn and seen: no drawing and no camera is off by so much
 ALIKE = 1.3  # by which pairs seen in one unit may differ in it
+RESIZED, AGREED = 1.2, 1.08  # seen over drawn, or the reverse, beyond any camera's error; and by which pairs may differ
+LEAST = 0.02  # of what the parts measure together: a pair that is closer tells no scale
 LENGTHS = {"mm": 1000.0, "cm": 100.0, "inches": 1.0 / 0.0254}
 SELDOM_S = 1.0  # between samples: cameras and encoders that record a motion are quicker
 SLOW = 100.0  # times as long as a mechanism takes to fall by its own length: a swing of minutes on a table
@@ -99,9 +101,31 @@ def _ends(one: Series) -> np.ndarray:
 
 
 def unit_findings(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
-    """Warnings where times are likely in ms, and the noise of tracks in mm."""
+    """Warnings where times are likely in ms, the noise of tracks in mm, and places in another scale."""
+    yield from _resized(experiment, mechanism)
     yield from _slow(experiment, mechanism)
     yield from _wide_noise(experiment, mechanism)
+
+
+def _resized(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
+    """Distances on bodies are all drawn in one other scale, which is no unit's: a reference of another length."""
+    if experiment.tracks is None:
+        return
+    reach, axis = reach_m(mechanism), plane_axis(mechanism)
+    told = [
+        pair for pair in pairs(seen(experiment.tracks, mechanism)) if pair.drawn_m > LEAST * reach and pair.whole(axis)
+    ]
+    ratios = np.array([pair.seen_m / pair.drawn_m for pair in told])
+    if len(told) < 2 or np.min(ratios) <= 0.0:
+        return
+    scale = float(np.median(ratios))
+    if max(scale, 1.0 / scale) > RESIZED and np.all((ratios < AGREED * scale) & (ratios * AGREED > scale)):
+        far = max(told, key=lambda pair: pair.drawn_m)
+        yield (
+            f'markers "{far.one.marker}" and "{far.other.marker}" are seen {1e3 * far.seen_m:.4g} mm apart, and drawn '
+            f"{1e3 * far.drawn_m:.4g} mm apart on one body: {scale:.3g} times as far, as are all {len(told)} such "
+            "pairs; check the length that the tracks were scaled with, and the drawing's size"
+        )
 
 
 def _slow(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
@@ -109,7 +133,7 @@ def _slow(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
 
     A record that shows a motion has its samples close to each other beside it: only the drawing tells what is slow.
     """
-    widest = max(_recorded(experiment, mechanism), key=lambda found: found[3], default=None)
+    widest = max(recorded(experiment, mechanism), key=lambda found: float(np.std(found[2])), default=None)
     if widest is None:
         return
     where, time, x, _ = widest
@@ -129,20 +153,6 @@ def _slow(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
             f"{where} is sampled every {interval:.4g} s, and release.time_s, {release:g} s, comes before its second "
             f"sample: {remedy}"
         )
-
-
-def _recorded(experiment: Experiment, mechanism: Mechanism) -> Iterator[tuple[str, np.ndarray, np.ndarray, float]]:
-    """Each coordinate that was recorded: whose, its times [s], its values [m or rad], and how far they spread."""
-    tracks, joints = experiment.tracks, experiment.joint_positions
-    for one in [] if tracks is None else seen(tracks, mechanism):
-        for x in one.places_m.T[one.measured]:
-            known = np.isfinite(x)
-            if known.sum() > 1:
-                yield f'marker "{one.marker}"', one.time_s[known], x[known], float(np.std(x[known]))
-    for id, rows in [] if joints is None else joints.dropna(subset=["q"]).groupby("joint", sort=False):
-        if len(rows) > 1:
-            q = rows["q"].to_numpy(float)
-            yield f'joint "{id}"', rows["time_s"].to_numpy(float), q, float(np.std(q))
 
 
 def _falls_in_s(mechanism: Mechanism) -> float | None:

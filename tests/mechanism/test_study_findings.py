@@ -9,11 +9,12 @@ from backend.mechanism.study_findings import study_findings
 from tests.mechanisms import bead_on_bar, effect, pendulum
 
 TIME = np.arange(200) / 100
+MOVING = Release(time_s=0.5, at_rest=False)
 
 
-def encoder(q=None, joint="pin"):
-    """A swing of half a radian, unless told otherwise."""
-    q = 0.5 * np.cos(7 * TIME) if q is None else q
+def encoder(q=None, joint="pin", release_s=0.5):
+    """Held, then a swing of half a radian, unless told otherwise."""
+    q = 0.5 * np.cos(7 * np.maximum(TIME - release_s, 0.0)) if q is None else q
     return pd.DataFrame({"time_s": TIME, "joint": joint, "q": q, "sigma": np.nan})
 
 
@@ -39,7 +40,7 @@ def the_one(sentences, *terms):
     [Release(time_s=0.5), Release(time_s=0.0, at_rest=False), Release(time_s=-0.02), Release(time_s=0.5, window_s=0.3)],
 )
 def test_nothing_stands_out_in_a_sound_study(release):
-    shifted = encoder().assign(time_s=TIME - (0.02 if release.time_s < 0 else 0.0))
+    shifted = encoder(release_s=max(release.time_s, 0.0)).assign(time_s=TIME - (0.02 if release.time_s < 0 else 0.0))
     narrow = [Tolerance(kind="mass_error", on="all", sd=0.02), Tolerance(kind="camera_scale", on=("camera",), sd=0.01)]
     assert findings(release, narrow, joint_positions=shifted) == []
 
@@ -66,7 +67,7 @@ def test_a_window_beside_rest_stands_out():
 def test_a_swing_of_degrees_stands_out_and_a_rotor_does_not():
     degrees = np.degrees(encoder()["q"])
     the_one(findings(joint_positions=encoder(degrees)), 'joint "pin" turns by 57', "turns; q is in rad", "0.0174533")
-    assert findings(joint_positions=encoder(40.0 * TIME)) == []
+    assert findings(MOVING, joint_positions=encoder(40.0 * TIME)) == []
 
 
 def test_one_wild_sample_is_no_swing_and_a_slide_has_no_turns():
@@ -74,7 +75,7 @@ def test_one_wild_sample_is_no_swing_and_a_slide_has_no_turns():
     struck.loc[70, "q"] = 500.0
     assert findings(joint_positions=struck) == []
     slid = encoder(50.0 * np.cos(7 * TIME), joint="rail")
-    assert findings(mechanism=bead_on_bar(), joint_positions=slid) == []
+    assert findings(MOVING, mechanism=bead_on_bar(), joint_positions=slid) == []
 
 
 def test_a_drive_that_begins_after_the_release_stands_out():
@@ -92,9 +93,23 @@ def test_a_sampled_drive_that_breaks_off_stands_out():
     )
 
 
+def test_a_sampled_drive_that_breaks_off_while_it_pushes_evenly_stands_out():
+    pushes = drive(TIME[:100], np.minimum(TIME[:100], 0.7))
+    the_one(findings(joint_positions=encoder(), inputs=pushes), "ends at 0.99 s", "its last value, 0.7,")
+    led = pushes.assign(effect="led", parameter="q")
+    path = pendulum(effects=[effect("led", "prescribed_motion", ["pin"], q=0.0)])
+    assert findings(joint_positions=encoder(), inputs=led, mechanism=path) == []
+
+
+def test_a_marker_without_any_measurement_stands_out():
+    rows = pd.DataFrame({"time_s": TIME, "marker": "tip", "x_m": np.nan, "y_m": np.nan, "z_m": np.nan})
+    said = findings(joint_positions=encoder(), tracks=rows.assign(sigma_m=np.nan))
+    the_one(said, 'marker "tip" stands in 200 rows and was measured in none')
+
+
 @pytest.mark.parametrize(
     ("times", "values"),
-    [([0.0, 0.6, 0.9], [0.0, 1.0, 0.5]), (TIME[:100], np.minimum(TIME[:100], 0.7)), (TIME, np.sin(TIME))],
+    [([0.0, 0.6, 0.9], [0.0, 1.0, 0.5]), (TIME[:100], np.maximum(0.7 - TIME[:100], 0.0)), (TIME, np.sin(TIME))],
 )
 def test_a_list_of_switchings_and_a_drive_at_rest_may_end_early(times, values):
     assert findings(joint_positions=encoder(), inputs=drive(times, values)) == []
@@ -124,12 +139,21 @@ def test_a_record_that_is_fitted_and_held_out_stands_out():
 
     def told(*uses):
         shots = [Experiment(f"e{i}", use, release, joint_positions=encoder()) for i, use in enumerate(uses, start=1)]
-        other = Experiment("other", "fit", release, joint_positions=encoder(0.4 * np.cos(7 * TIME)))
+        other = Experiment("other", "fit", release, joint_positions=encoder(0.8 * encoder()["q"]))
         return study_findings(Study(drawn, (*shots, other)))
 
     the_one(told("fit", "held_out"), "'e1' (fit), 'e2' (held_out) have the same joint_positions", "tests nothing")
     the_one(told("fit", "fit"), "they count as often in the fit")
     assert told("fit") == told("held_out", "held_out") == []
+
+
+def test_a_record_whose_clock_was_set_otherwise_is_the_same_record():
+    later = encoder().assign(time_s=TIME + 1.0)
+    shots = (
+        Experiment("e1", "fit", Release(time_s=0.5), joint_positions=encoder()),
+        Experiment("e2", "held_out", Release(time_s=1.5), joint_positions=later),
+    )
+    the_one(study_findings(Study(pendulum(), shots)), "have the same joint_positions", "tests nothing")
 
 
 def test_a_drive_on_record_that_is_called_like_its_joint_stands_out():

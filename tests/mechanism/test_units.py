@@ -82,3 +82,15 @@ def test_noise_in_millimetres_stands_out_and_caution_does_not():
     assert findings(filmed(sigma=10 * NOISE_M)) == []
     assert findings(filmed(sigma=NOISE_M, noise=0.0)) == []
     assert findings(filmed(sigma=0.2), at_rest=False) == []  # nothing stood still
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.4, 2.0])
+def test_places_in_a_wrong_scale_are_told_where_all_distances_agree(scale):
+    (said,) = findings(scaled(filmed(), scale))
+    assert f"{scale:g} times as far, as are all 3 such pairs; check the length that the tracks were scaled with" in said
+
+
+def test_a_camera_off_by_a_tenth_and_mixed_names_are_no_wrong_scale():
+    assert findings(scaled(filmed(), 1.1)) == []
+    mixed = filmed().assign(marker=filmed()["marker"].replace(MIXED))
+    assert findings(mixed) == []
