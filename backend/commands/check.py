@@ -61,6 +61,12 @@ def _of_drawing(file: Path) -> Told:
     from backend.mechanism.read import read_mechanism
 
     report = checked(read_mechanism(file))
+    if "study" in file.stem.lower():
+        told = (
+            f"{file.name} holds a drawing and no experiments, though its name says a study: nothing of its tables was "
+            "checked; give the study.json that names it as its mechanism"
+        )
+        report = report.model_copy(update={"warnings": (*report.warnings, told)})
     return report.ok, check_json(report), check_text(report)
 
 

@@ -11,7 +11,9 @@ from pydantic import AfterValidator, Field
 
 from backend.mechanism.part import Part, Vector3
 
-NORM_TOLERANCE = 1e-6  # a quaternion written with seven digits is off by 3e-8, a wrong one by far more
+NORM_TOLERANCE = (
+    1e-3  # a quaternion typed with three digits is off by less; one in another order, or of angles, by more
+)
 ROUNDING = 1e-12  # below this a quaternion is kept as written, so that reading and writing is the identity
 
 

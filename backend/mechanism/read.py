@@ -14,10 +14,12 @@ from pydantic import ValidationError
 
 from backend.mechanism.drawing_error import DrawingError, first
 from backend.mechanism.fit_report import FitReport
+from backend.mechanism.likewise import likewise
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.part import Part
 from backend.mechanism.sentences import sentences
 from backend.mechanism.study import Experiment, ExperimentFile, Study, StudyFile, study_problems, twice_set
+from backend.mechanism.text_file import NotText, read_text
 from backend.mechanism.tracks import PLACES, SHOWN, TABLES, read_table
 from backend.mechanism.units import far_tracks
 
@@ -89,13 +91,14 @@ def parse_study(
     mechanism = read_mechanism(opener.path(file.mechanism))
     problems = first(study_problems(file, mechanism))
     experiments: list[Experiment] = []
+    faults: list[tuple[str, str]] = []
     for entry in file.experiments:
         try:
             experiments.append(_experiment(entry, mechanism, opener))
         except DrawingError as error:
-            where = f'experiment "{entry.id}"'
-            origin = f"{where}: {error.source}" if error.source and error.source != source else where
-            problems += [f"{origin}: {problem}" for problem in error.problems]
+            origin = f"{error.source}: " if error.source and error.source != source else ""
+            faults += [(entry.id, f"{origin}{problem}") for problem in error.problems]
+    problems += [f'experiment "{id}": {fault}' for id, fault in likewise(faults)]
     if problems:
         raise DrawingError(problems, source)
     return Study(mechanism, tuple(experiments), file.tolerances, Path(source) if Path(source).is_file() else None)
@@ -207,11 +210,13 @@ def _load(path: Path) -> Any:
                 "keep meshes in their own files",
                 source,
             )
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_text(path)
+    except NotText as error:
+        raise DrawingError(str(error), source) from None
     except (OSError, ValueError) as error:
         if isinstance(error, DrawingError):
             raise
-        reason = "is not UTF-8 text" if isinstance(error, UnicodeError) else getattr(error, "strerror", error)
+        reason = getattr(error, "strerror", error)
         raise DrawingError(f"cannot be read ({reason}); check the path and the file", source) from None
     return decode(text, source)
 

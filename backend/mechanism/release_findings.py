@@ -69,7 +69,7 @@ def _waits(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
     driven = experiment.inputs is not None or any(e.kind == "prescribed_motion" for e in mechanism.effects)
     begins: list[tuple[float, float, str]] = []
     for where, time, x, unit in recorded(experiment, mechanism):
-        if driven or np.sum(time < release) > 1 or time.size < FEW:
+        if driven or np.any(time < release) or time.size < FEW:
             return
         size = size_m(mechanism) if unit == "m" else 1.0
         smooth = np.median(np.lib.stride_tricks.sliding_window_view(x, 3), axis=1)  # of wild samples, one at a time

@@ -13,6 +13,7 @@ from backend.mechanism.effect import kind_named
 from backend.mechanism.findings import gravity_findings
 from backend.mechanism.joint import WITHOUT_COORDINATE
 from backend.mechanism.kinds import EffectKind
+from backend.mechanism.likewise import likewise
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.release_findings import GAP, release_findings
 from backend.mechanism.rigid import rigid_findings
@@ -38,9 +39,12 @@ def study_findings(study: Study) -> list[str]:
         *_of_shared_tables(study),
         *_of_drives_named_like_joints(study),
         *(
-            f"experiment '{experiment.id}': {sentence}"
-            for experiment in study.experiments
-            for sentence in _of_experiment(experiment, study.mechanism)
+            f"experiment '{id}': {sentence}"
+            for id, sentence in likewise(
+                (experiment.id, sentence)
+                for experiment in study.experiments
+                for sentence in _of_experiment(experiment, study.mechanism)
+            )
         ),
     ]
 
@@ -156,9 +160,10 @@ def _of_drives(experiment: Experiment, mechanism: Mechanism, last: float) -> Ite
 def _of_unseen(tracks: pd.DataFrame) -> Iterator[str]:
     """Markers that stand in the table and were measured nowhere, neither in the world nor in the picture."""
     columns = [column for column in (*PLACES, *PIXELS) if column in tracks]
-    measured, names = tracks[columns].notna().to_numpy().any(axis=1), tracks["marker"].to_numpy(str)
+    measured, names = np.any(tracks[columns].notna().to_numpy(), axis=1), tracks["marker"].to_numpy(str)
     for marker in dict.fromkeys(names):
-        if not (its := measured[names == marker]).any():
+        its = np.flatnonzero(names == marker)
+        if not measured[its].any():
             yield f'marker "{marker}" stands in {its.size} rows and was measured in none: track it, or take them out'
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from backend.mechanism.apart import joints_of
+from backend.mechanism.csv_rows import csv_columns
 from backend.mechanism.drawing_error import DrawingError, known
 from backend.mechanism.effect import joint_type_faults, kind_named
+from backend.mechanism.header import header_faults
 from backend.mechanism.joint import WITHOUT_COORDINATE
 from backend.mechanism.mechanism import Drawn, Mechanism
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 STATUSES = ("ok", "observed", "occluded", "predicted", "outlier")
 PLACES, PIXELS = ("x_m", "y_m", "z_m"), ("x_px", "y_px")  # of a marker in the world, and in the picture
+SET_BACK = 3  # times in a file: rows in no order go back more often
 SHOWN = 5  # faults listed of one kind; a column of text would otherwise fill the screen
 
 
@@ -77,9 +78,12 @@ def read_table(name: str, path: Path, mechanism: Mechanism) -> pd.DataFrame:
     if not path.is_file():
         there = "is a folder" if path.is_dir() else "does not exist"
         raise DrawingError(f"{there}; correct the path, which counts from study.json, or put the file there", str(path))
-    columns = _parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _csv(path)
+    columns = _parquet(path) if path.suffix.lower() in (".parquet", ".pq") else csv_columns(path)
     form = TABLES[name]
-    problems = list(_header_faults(form, list(columns)))
+    header, key = list(columns), form.keys[0]
+    ids = {"marker": mechanism.markers, "joint": mechanism.joints, "effect": mechanism.effects}[key]
+    allowed = (*form.numbers, *form.text)
+    problems = list(header_faults(header, form.required(header), allowed, key, [part.id for part in ids]))
     if not problems and not len(next(iter(columns.values()))):
         problems = ["has a header but no rows; record at least one sample"]
     if problems:
@@ -96,7 +100,9 @@ def read_table(name: str, path: Path, mechanism: Mechanism) -> pd.DataFrame:
             table[column] = np.full(len(columns["time_s"]), np.nan)
     if not problems:
         for check in (_names, _status, _sigma, _order):
-            problems += _few(list(check(form, table, mechanism)))
+            faults = list(check(form, table, mechanism))
+            told = list(_set_back(form, table)) if check is _order and len(faults) > SHOWN else []
+            problems += told or _few(faults)
     if problems:
         raise DrawingError(problems, str(path))
     return _frame(table)
@@ -108,36 +114,6 @@ def _frame(table: dict[str, np.ndarray]) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def _csv(path: Path) -> dict[str, Any]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.reader(file, strict=True))
-    except (OSError, UnicodeError, csv.Error, ValueError) as error:
-        raise DrawingError(f"cannot be read as CSV ({error}); check the path and the file", str(path)) from None
-    if not rows or not any(rows[0]):
-        raise DrawingError("is empty; the first row names the columns", str(path))
-    header = [cell.strip() for cell in rows[0]]
-    while rows and not rows[-1]:
-        rows.pop()
-    wrong = [(number, row) for number, row in enumerate(rows[1:], start=2) if len(row) != len(header)]
-    if wrong:
-        number, row = wrong[0]
-        if number == len(rows):
-            remedy = "the file was cut off: copy it again, or delete that row"
-        else:
-            remedy = "a row is a list of values separated by commas; correct it"
-        count = f" ({len(wrong)} rows like this)" if len(wrong) > 1 else ""
-        problem = f"row {number} has {len(row)} values, the header names {len(header)}{count}; {remedy}"
-        raise DrawingError(problem, str(path))
-    if len(set(header)) < len(header):
-        twice = sorted(name for name, count in Counter(header).items() if count > 1)
-        more = f" and {len(twice) - SHOWN} more" if len(twice) > SHOWN else ""
-        raise DrawingError(f"column {', '.join(twice[:SHOWN])}{more} stands twice in the header; keep one", str(path))
-    # Blanks after commas are how many write a list: no name ends in one, and a blank cell holds nothing.
-    cells = [tuple(map(str.strip, column)) for column in zip(*rows[1:], strict=True)] or [()] * len(header)
-    return dict(zip(header, cells, strict=True))
-
-
 def _parquet(path: Path) -> dict[str, Any]:
     import pandas as pd
 
@@ -147,14 +123,6 @@ def _parquet(path: Path) -> dict[str, Any]:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DrawingError(f"cannot be read as Parquet ({reason}); check the path and the file", str(path)) from None
     return {str(name): frame[name].to_numpy(dtype=object) for name in frame.columns}
-
-
-def _header_faults(form: TableFormat, header: list[str]) -> Iterator[str]:
-    if missing := [name for name in form.required(header) if name not in header]:
-        yield f"lacks column {', '.join(missing)}; its header is {','.join(header)[:200]}"
-    allowed = (*form.numbers, *form.text)
-    if unknown := [name for name in header if name not in allowed]:
-        yield f"has unknown column {', '.join(map(repr, unknown))[:1000]}; remove it. {known(allowed)}"
 
 
 def _numbers(cells: Any, column: str, finite: bool) -> tuple[np.ndarray, list[str]]:
@@ -178,8 +146,9 @@ def _numbers(cells: Any, column: str, finite: bool) -> tuple[np.ndarray, list[st
     if not faults:
         wrong = ~np.isfinite(values) if finite else np.isinf(values)
         remedy = "it must be a finite number" if finite else "leave it empty when it was not measured"
-        for row in np.flatnonzero(wrong):
-            faults.append(f"row {row + 2}: {column} is {cells[row] or 'empty'}; {remedy}")
+        if (rows := np.flatnonzero(wrong)).size:
+            count = f" ({rows.size} rows like this)" if rows.size > 1 else ""
+            faults.append(f"row {rows[0] + 2}: {column} is {cells[rows[0]] or 'empty'}{count}; {remedy}")
     return values, faults
 
 
@@ -190,10 +159,9 @@ def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
     (key,) = form.keys
     types = {joint.id: joint.type for joint in mechanism.joints}
     ids = {marker.id for marker in mechanism.markers} if key == "marker" else types.keys()
-    drawn = known(ids)
     for name, row in _first_rows(table[key]):
         if name not in ids:
-            yield f'row {row}: {key} "{name}" is not drawn; rename it or draw it. {drawn}'
+            yield f'row {row}: {key} "{name}" is not drawn; rename it or draw it. {known(ids, str(name))}'
         elif (
             key == "joint" and types[name] in WITHOUT_COORDINATE and not (types[name] == "fixed" and "effort" in table)
         ):
@@ -205,14 +173,14 @@ def _names(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
 
 def _driven(table: dict[str, np.ndarray], mechanism: Mechanism) -> Iterator[str]:
     effects = {effect.id: effect for effect in mechanism.effects}
-    drawn, names = Drawn.of(mechanism), known(effects)
+    drawn = Drawn.of(mechanism)
     rows_of: dict[tuple[Any, Any], list[int]] = {}
     for at, pair in enumerate(zip(table["effect"], table["parameter"], strict=True)):
         rows_of.setdefault(pair, []).append(at)
     for (effect, parameter), its in rows_of.items():
         row = its[0] + 2
         if effect not in effects:
-            yield f'row {row}: effect "{effect}" is not drawn; rename it or draw it. {names}'
+            yield f'row {row}: effect "{effect}" is not drawn; rename it or draw it. {known(effects, str(effect))}'
             continue
         kind = kind_named(effects[effect].kind)
         spec = kind.parameters.get(parameter)
@@ -279,6 +247,24 @@ def _order(form: TableFormat, table: dict[str, np.ndarray], mechanism: Mechanism
                 f"row {row} is out of order: time_s {time:g} s of {whose} stands below {last:g} s in row {at}; "
                 "sort the rows by time_s"
             )
+
+
+def _set_back(form: TableFormat, table: dict[str, np.ndarray]) -> Iterator[str]:
+    """The sentence for a clock that was set back, of which many rows stand out of order; none where rows are mixed."""
+    keys = list(zip(*(table[key] for key in form.keys), strict=True))
+    latest: dict[Any, tuple[float, int]] = {}
+    backs: dict[Any, list[tuple[float, float, int]]] = {}
+    for row, (key, time) in enumerate(zip(keys, table["time_s"].tolist(), strict=True), start=2):
+        last, _ = latest.get(key, (-np.inf, 0))
+        if time <= last:
+            backs.setdefault(key, []).append((last, time, row))
+        latest[key] = time, row
+    if max(len(its) for its in backs.values()) <= SET_BACK:
+        last, time, row = min((its[0] for its in backs.values()), key=lambda back: back[2])
+        yield (
+            f"row {row}: time_s goes back from {last:g} s to {time:g} s; where another take begins there, make it a "
+            "file and an experiment of its own; otherwise correct its clock"
+        )
 
 
 def _few(faults: list[str]) -> list[str]:

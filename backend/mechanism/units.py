@@ -141,6 +141,8 @@ def _slow(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
     if interval < SELDOM_S:
         return
     remedy = "times are in s: divide time_s by 1000 where they are ms, and release.time_s where it is one of them"
+    if interval == 1.0 and np.all(time == np.round(time)):
+        remedy = "times are in s: where time_s counts frames, divide it by the frames per second"
     rate = float(np.sqrt(np.mean((np.diff(x) / np.diff(time)) ** 2)))
     takes, falls = float(np.std(x)) / rate if rate else 0.0, _falls_in_s(mechanism)
     if falls and takes > SLOW * falls:

@@ -263,3 +263,25 @@ def test_check_takes_a_study_and_tells_of_each_experiment(drawing):
     gone = linktwin("check", study)
     assert gone.returncode == 2
     assert "gone.csv: does not exist" in gone.stderr
+
+
+def test_check_tells_where_no_pose_of_the_drawing_explains_what_was_seen(drawing):
+    """A tip that is seen at half its distance from the pin."""
+    parts = json.loads(drawing.read_text())
+    parts["markers"] = [{"id": "tip", "body": "bar", "position_m": [0.2, 0, 0]}]
+    drawing.write_text(json.dumps(parts))
+    rows = [f"{k / 100},tip,{0.06 + 1e-5 * (k % 3):.6f},0,{-0.08 - 1e-5 * (k % 2):.6f},\n" for k in range(60)]
+    (drawing.parent / "t.csv").write_text("time_s,marker,x_m,y_m,z_m,sigma_m\n" + "".join(rows))
+    shot = {"id": "e1", "tracks": "t.csv", "release": {"time_s": 0.2}}
+    study = drawing.parent / "study.json"
+    study.write_text(json.dumps({"schema_version": "1.0", "mechanism": drawing.name, "experiments": [shot]}))
+    said = linktwin("check", study)
+    assert said.returncode == 0
+    told = "warning: experiment 'e1': no pose of the drawing explains its first samples, marker \"tip\" by 100 mm"
+    assert told in said.stdout
+
+
+def test_check_tells_of_a_drawing_that_was_saved_as_a_study(drawing):
+    drawing.rename(drawing.parent / "study.json")
+    said = linktwin("check", drawing.parent / "study.json")
+    assert "study.json holds a drawing and no experiments, though its name says a study" in said.stdout
