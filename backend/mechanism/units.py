@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backend.mechanism.columns import plane_axis
+from backend.mechanism.constraints import size_m
+from backend.mechanism.effect import kind_named
 from backend.mechanism.loops import connectivity
 from backend.mechanism.mechanism import Mechanism
 from backend.mechanism.ratios import times
@@ -27,6 +29,8 @@ LENGTHS = {"mm": 1000.0, "cm": 100.0, "inches": 1.0 / 0.0254}
 SELDOM_S = 1.0  # between samples: cameras and encoders that record a motion are quicker
 SLOW = 100.0  # times as long as a mechanism takes to fall by its own length: a swing of minutes on a table
 FEW = 10  # still frames that do not yet tell how far they scatter
+STRONG = 50.0  # times weight times size: at so many g a mechanism would fly apart; motors of linkages give one or two
+G_M_PER_S2 = 9.81
 WIDER = 100.0  # noise as stated over what still frames show: who is cautious states three times as much
 BLIND = 0.02  # of what the parts measure together: who states so much noise sees no motion
 
@@ -105,6 +109,7 @@ def unit_findings(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]
     yield from _resized(experiment, mechanism)
     yield from _slow(experiment, mechanism)
     yield from _wide_noise(experiment, mechanism)
+    yield from _strong_torques(experiment, mechanism)
 
 
 def _resized(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
@@ -191,3 +196,24 @@ def _wide_noise(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
                 f"{scatter:.2g} m; where the former is in mm, divide it by 1000, or leave it empty to have it estimated"
             )
             return
+
+
+def _strong_torques(experiment: Experiment, mechanism: Mechanism) -> Iterator[str]:
+    """Recorded torques that no mechanism of such masses could bear for long. A force may well be as large: a press."""
+    if experiment.inputs is None:
+        return
+    size = size_m(mechanism)
+    mass = sum(body.moving_inertial().mass_kg for body in mechanism.moving_bodies())
+    for effect in mechanism.effects:  # what a gear makes of a motor's rotor is moved, too
+        turned = effect.parameters.get("kg_m2")
+        mass += turned / size**2 if isinstance(turned, float) else 0.0
+    kinds = {effect.id: kind_named(effect.kind) for effect in mechanism.effects}
+    for (effect, parameter), rows in experiment.inputs.groupby(["effect", "parameter"], sort=False):  # type: ignore[misc]
+        spec = kinds[str(effect)].parameters[str(parameter)]
+        usual = float(np.median(np.abs(rows["value"].to_numpy(float))))
+        if spec.unit == "N m" and (share := usual / (mass * G_M_PER_S2 * size)) > STRONG:
+            yield (
+                f'effect "{effect}" {parameter} is {usual:.4g} N m on record (the median), {times(share)} times the '
+                f"weight of all that moves, {mass * G_M_PER_S2:.3g} N, on the mechanism's size, {size:.3g} m; torques "
+                "are in N m: divide N mm by 1000"
+            )

@@ -94,3 +94,16 @@ def test_a_camera_off_by_a_tenth_and_mixed_names_are_no_wrong_scale():
     assert findings(scaled(filmed(), 1.1)) == []
     mixed = filmed().assign(marker=filmed()["marker"].replace(MIXED))
     assert findings(mixed) == []
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1.0, 0), (10.0, 0), (1000.0, 1)])
+def test_torques_in_newton_millimetres_are_told_by_what_the_masses_could_bear(factor, told):
+    driven = pendulum(effects=[effect("motor", "effort_offset", ["pin"])])
+    torque = factor * 0.1 * np.sin(9.0 * TIME)  # the bar weighs some tenth of a newton metre
+    record = pd.DataFrame({"time_s": TIME, "effect": "motor", "parameter": "torque_n_m", "value": torque})
+    shot = Experiment("e1", "fit", Release(time_s=RELEASE_S), tracks=filmed(), inputs=record)
+    said = list(unit_findings(shot, driven))
+    assert len(said) == told
+    assert all(
+        "times the weight of all that moves" in sentence and "divide N mm by 1000" in sentence for sentence in said
+    )
