@@ -25,6 +25,8 @@ def check_text(report: GraphReport) -> str:
         f"redundant {_redundant(report)}",
         f"closure   {_closure(report)}",
     ]
+    if report.gravity_idle:
+        lines.append("gravity   lies along the axes of all joints: nothing falls, as on a table")
     for found in report.contacts:
         pairs = few(["-".join(pair) for pair in found.pairs])
         lines.append(

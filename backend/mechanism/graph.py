@@ -37,6 +37,8 @@ from backend.mechanism.mobility import (
 from backend.mechanism.part import Part
 from backend.mechanism.turns import begins_near, nearest
 
+ALONG = 0.999  # cosine of the angle between gravity and an axis up to which it moves nothing about that
+
 
 class LoopReport(Part):
     """`joints[i]` connects `bodies[i]` to the next body, the last one back to the first."""
@@ -77,7 +79,10 @@ class MobilityReport(Part):
 
 
 class GraphReport(Part):
-    """What `linktwin check` tells about a drawing that could be read."""
+    """What `linktwin check` tells about a drawing that could be read.
+
+    gravity_idle: gravity lies along the axes of all joints, as for what lies on a table: nothing falls.
+    """
 
     name: str
     moving_bodies: int
@@ -92,6 +97,7 @@ class GraphReport(Part):
     closes: bool
     floating: tuple[tuple[str, ...], ...]
     contacts: tuple[FoundContacts, ...] = ()
+    gravity_idle: bool = False
     errors: Annotated[tuple[str, ...], Field(description="the mechanism cannot be built as drawn")] = ()
     warnings: tuple[str, ...] = ()
 
@@ -153,6 +159,7 @@ def describe(mechanism: Mechanism) -> GraphReport:
         closes=assembly.closed,
         floating=graph.floating,
         contacts=contacts,
+        gravity_idle=_is_along(mechanism.gravity_m_per_s2, normal) and "revolute" in {j.type for j in joints},
         errors=tuple(errors),
         warnings=tuple(warnings),
     )
@@ -187,6 +194,11 @@ def _all_closed(found: dict[str, JointGap]) -> bool:
 
 def _apart(found: JointGap) -> str:
     return f"{1e3 * np.linalg.norm(found.gap):.4g} mm and {np.degrees(np.linalg.norm(found.turn)):.3g} deg"
+
+
+def _is_along(vector: Sequence[float], normal: np.ndarray | None) -> bool:
+    size = float(np.linalg.norm(vector))
+    return normal is not None and size > 0.0 and abs(float(normal @ np.array(vector))) > ALONG * size
 
 
 def _closure_findings(

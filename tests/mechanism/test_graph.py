@@ -174,6 +174,14 @@ def test_a_joint_drawn_outside_its_limits_is_warned_about(drawings):
     assert any("outside its limits 0.1 to inf" in text for text in report(document).warnings)
 
 
+@pytest.mark.parametrize(("gravity", "idle"), [((0, 0, -9.8), True), ((0, -9.8, 0), False), ((0, 0, 0), False)])
+def test_gravity_along_all_axes_is_told_and_is_no_warning(drawings, gravity, idle):
+    found = report({**drawings.fourbar(), "gravity_m_per_s2": list(gravity)})
+    assert found.gravity_idle is idle
+    assert found.warnings == ()
+    assert ("nothing falls, as on a table" in check_text(found)) is idle
+
+
 def test_effects_of_contact_are_read_without_a_warning(drawings):
     document = drawings.scissor(2)
     for joint in document["joints"]:
