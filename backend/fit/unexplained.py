@@ -12,6 +12,7 @@ from backend.fit.measured import measured
 from backend.fit.pose import Found, Target, find_start, target_of
 from backend.fit.prediction import look
 from backend.fit.slips import Slips
+from backend.mechanism.check import few
 from backend.mechanism.constraints import size_m
 from backend.mechanism.study import Experiment, Study
 from backend.model.build import build
@@ -92,7 +93,7 @@ def _told(off: list[Begun]) -> Iterator[str]:
     """One sentence: what is amiss in one experiment is so in the others, mostly."""
     if off:
         first, *others = off
-        more = ", ".join(f"'{each.id}' ({each.found.worst})" for each in others)
+        more = few([f"'{each.id}' ({each.found.worst})" for each in others])
         yield (
             f"experiment '{first.id}': no pose of the drawing explains its first samples, {first.found.worst} the "
             f"farthest off. {first.slip()}" + (f". Nor does one explain those of {more}" if more else "")

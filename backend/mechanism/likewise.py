@@ -8,6 +8,8 @@ from collections.abc import Iterable
 # What may differ: numbers and names of files; what stands in quotes is a part's name.
 DIFFERS = re.compile(r'("[^"]*")|[^\s:"]+\.(?:csv|parquet|pq)\b|[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?')
 
+NAMED = 10  # experiments
+
 
 def likewise(said: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
     """(experiment, sentence) in order; sentences that differ in numbers and files alone are told of the first
@@ -27,7 +29,8 @@ def likewise(said: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
             others[shape].append(id)
     told: list[tuple[str, str]] = []
     for shape, (id, sentences) in first.items():
-        also = ", ".join(f"'{other}'" for other in others.get(shape, ()))
+        named = [f"'{other}'" for other in others.get(shape, ())]
+        also = ", ".join(named[:NAMED]) + (f" and {len(named) - NAMED} more" if len(named) > NAMED else "")
         told += [(id, sentence) for sentence in sentences[:-1]]
         told.append((id, f"{sentences[-1].removesuffix('.')}; likewise {also}" if also else sentences[-1]))
     return told

@@ -98,3 +98,9 @@ def test_what_several_experiments_have_in_common_is_told_once():
         ("e2", 'marker "m2" is lost'),
         ("e3", 'marker "m3" is lost'),
     ]
+
+
+def test_of_many_experiments_the_first_are_named():
+    ((_, sentence),) = likewise((f"run {k}", f"ends at {k} s") for k in range(14))
+    assert sentence.startswith("ends at 0 s; likewise 'run 1', 'run 2'")
+    assert sentence.endswith("'run 10' and 3 more")
