@@ -4,7 +4,7 @@ looked for about it, and a fit begins where that of the cause ended.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -28,16 +28,18 @@ def follows(cause: Cause) -> bool:
     return fitted.fraction == 1.0 and fitted.chi2 < (1.0 + NARROW) * fitted.r.size
 
 
-def joining(search: Search, parent: Cause, family: str) -> list[Fitted]:
-    """The parent with one more of a family, fitted: those that take most off at one of their openings."""
+def joining(search: Search, parent: Cause, others: Sequence[Candidate], family: str) -> list[Fitted]:
+    """The parent with one more of a family, fitted: those that take most off at one of their openings. others: the
+    parent's members in the family's library.
+    """
     fitted = parent.fitted
     motion, left = passed(fitted) if family in STOPS else {}, _refitted(fitted)
-    others = [c for c in search.subject.library.candidates if c.name in parent.names]
+    alone = left(fitted.r)
 
     def gain(candidate: Candidate, values: Mapping[str, float]) -> float:
         choice = search.subject.choose(*others, candidate)
         probes = [search.subject.chosen(p, choice) for p in search.subject.fit]
-        return left(fitted.r) - left(capped(Seer(search.subject, probes).left(begun_from(fitted, choice, values))))
+        return alone - left(capped(Seer(search.subject, probes).left(begun_from(fitted, choice, values))))
 
     found = []
     for candidate in search.subject.library.candidates:

@@ -40,7 +40,7 @@ def switching(
     others = [c for c in search.subject.library.candidates if c.name in names]
     parent = baseline if beside is None else beside
     if follows(parent):
-        made = joining(search, parent, family) if len(others) == len(names) else []
+        made = joining(search, parent, others, family) if len(others) == len(names) else []
         return sorted((_settled(search, search.keep(f)) for f in made), key=lambda c: -c.log_z)
     known = {} if beside is None else beside.values
     found = []

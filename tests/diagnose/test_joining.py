@@ -59,15 +59,15 @@ def test_it_begins_at_the_opening_that_takes_most_off_once_the_cause_has_given_w
     search, parent = world
     begun = 20.0 * (PLAY + 2.0 * FRICTION)
     assert np.sum((parent.fitted.r - begun) ** 2) > np.sum(parent.fitted.r**2)
-    (made,) = joining(search, parent, "clearance")
-    assert [c.name for c in made.choice.candidates] == ["clearance:j1"]
+    (made,) = joining(search, parent, [play("viscous_friction:j1")], "clearance")
+    assert [c.name for c in made.choice.candidates] == [*parent.names, "clearance:j1"]
     assert np.allclose(made.x, begun)
 
 
 def test_what_takes_nothing_off_at_any_opening_is_not_fitted(world):
     search, parent = world
     parent.fitted.r = np.zeros(ROWS)
-    assert joining(search, parent, "clearance") == []
+    assert joining(search, parent, [play("viscous_friction:j1")], "clearance") == []
 
 
 @pytest.mark.parametrize(("left", "fraction", "so"), [(1.5, 1.0, True), (2.5, 1.0, False), (1.5, 0.5, False)])
