@@ -23,7 +23,7 @@ from backend.fit.run import Run
 from backend.simulate.record import Record
 from backend.simulate.shelf import shelved
 
-AT_ONCE = 4  # directions: an effect, or two, with the start; the motion itself costs as much as three
+AT_ONCE = 4  # directions, or a multiple of it: of a small mechanism four more cost half as much as a motion with four
 # Iterations a step beyond which a motion is given up: with every pin loose and rubbing some six are usual. Of hundreds
 # of motions that a search tries one may bind or chatter, and cost more than all others together.
 PATIENCE = 30
@@ -74,7 +74,8 @@ class Probe(Run):
     bumps: (steps, waves) of the unknown drives, the last columns of the setting's record. correction: what the error of
     the step takes from every sample, put back. misplaced: what the library's last numbers, those of the cameras, do
     to samples. lying: ways in which samples before the release may be off, by one deviation each (see `settled`).
-    loose: whether pins are, so that motions take so long that a program of their own is worth compiling.
+    loose: whether pins are, so that motions take so long that a program of their own is worth compiling. at_once:
+    directions.
     """
 
     neutral: Float[np.ndarray, " all"] = field(default_factory=lambda: np.zeros(0))
@@ -83,6 +84,7 @@ class Probe(Run):
     misplaced: Misplaced | None = None
     lying: Float[np.ndarray, "samples ways"] | None = None
     loose: bool = False
+    at_once: int = AT_ONCE
 
     def choose(self, ties: Float[np.ndarray, "all few"], neutral: Float[np.ndarray, " all"] | None = None) -> Probe:
         """The same experiment with other numbers free."""
@@ -160,17 +162,17 @@ class Probe(Run):
         asked = replace(self.setting, column=jnp.asarray(column), since_release_s=jnp.asarray(since))
         x = self._of_motion(self._x(values, own))
         record = asked.record
-        none = np.zeros((AT_ONCE, self.bumps.shape[1], 0 if record is None else record.values.shape[1]))
+        none = np.zeros((self.at_once, self.bumps.shape[1], 0 if record is None else record.values.shape[1]))
         seen, _, _ = sensitivities(
             asked, jnp.asarray(self.bumps), self.addresses, jnp.asarray(self.step_s), jnp.asarray(x),
-            jnp.zeros((AT_ONCE, x.size)), jnp.asarray(none),
+            jnp.zeros((self.at_once, x.size)), jnp.asarray(none),
         )  # fmt: skip
         return np.asarray(seen)[: times * joints].reshape(times, joints)
 
     def along(
         self, x: np.ndarray, directions: np.ndarray, waves: np.ndarray | None = None, shapes: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(samples), (samples, k): prediction and slopes, `AT_ONCE` directions at a time.
+        """(samples), (samples, k): prediction and slopes, `at_once` directions at a time.
 
         shapes: of the drives in time, instead of the bumps.
         """
@@ -181,9 +183,9 @@ class Probe(Run):
         seen, lost, slopes = np.zeros(n), np.zeros(n, bool), np.zeros((n, k))
         bumps, step = jnp.asarray(self.bumps if shapes is None else shapes), jnp.asarray(self.step_s)
         motion, ways = self._of_motion(x), self._of_motion(directions)
-        for first in range(0, max(k, 1), AT_ONCE):
-            part = slice(first, min(first + AT_ONCE, k))
-            d, w = np.zeros((AT_ONCE, motion.size)), np.zeros((AT_ONCE, *waves.shape[1:]))
+        for first in range(0, max(k, 1), self.at_once):
+            part = slice(first, min(first + self.at_once, k))
+            d, w = np.zeros((self.at_once, motion.size)), np.zeros((self.at_once, *waves.shape[1:]))
             d[: part.stop - first], w[: part.stop - first] = ways[part], waves[part]
             value, slope, gone = sensitivities(
                 self.setting, bumps, self.addresses, step, jnp.asarray(motion), jnp.asarray(d), jnp.asarray(w)

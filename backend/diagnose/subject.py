@@ -18,7 +18,7 @@ from backend.diagnose.candidate import Candidate
 from backend.diagnose.kept import Kept
 from backend.diagnose.library import PLAYS, RUBBING, Library
 from backend.diagnose.noise import Noise, estimate
-from backend.diagnose.probe import Probe, with_drives
+from backend.diagnose.probe import AT_ONCE, Probe, with_drives
 from backend.diagnose.settled import lying
 from backend.fit.free import FreeParameter
 from backend.fit.measured import AXES
@@ -39,6 +39,7 @@ FLOOR = (2048, 4096)  # steps and samples: most records fit in one frame, and ro
 FEW_WAVES = (4, 8, 12, 16, 24, 32, 48)  # of which each is a program of its own
 PER_TIME = 1.6  # natural times between bumps
 ALL_WAVES = 512  # joints times bumps
+FREE = 2  # numbers of causes, beside the start and the tolerances: a fit of so many should take one round of slopes
 ALIKE = 0.2  # of the sum of squares that a motion leaves
 SAME = 1e-3
 """Where a law has to account for all that causes do, the error of slopes about a motion that is ALIKE weighs more than
@@ -215,7 +216,9 @@ def prepare(
     )
     waves = int(np.clip(max(p.duration_s for p in fit) / (PER_TIME * model.scale.time_s), *WAVES))
     waves = max(n for n in FEW_WAVES if n <= max(min(waves, ALL_WAVES // max(len(joints), 1)), FEW_WAVES[0]))
+    wanted = max(p.unknowns for p in fit) + len(library.nuisances) + FREE
     for p in (*fit, *held):
+        p.at_once = AT_ONCE * -(-wanted // AT_ONCE)
         p.misplaced = Misplaced.of(p.data, model, cameras, p.experiment.camera)
         p.loose = any(c.family in PLAYS for c in library.candidates)
         p.neutral, p.bumps = neutral, bumps(frame[0], step_s, p.duration_s, waves)

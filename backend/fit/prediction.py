@@ -76,7 +76,7 @@ def addresses_of(parameters: Sequence[FreeParameter]) -> Addresses:
 
 def with_values(model: Model, addresses: Addresses, values: Float[Array, " p"]) -> Model:
     """The model with free parameters set; differentiable."""
-    return model.with_parameters({a: values[i] for i, group in enumerate(addresses) for a in group})
+    return model.with_numbers(values, {a: np.array([i]) for i, group in enumerate(addresses) for a in group})
 
 
 def predict(
@@ -103,11 +103,10 @@ def predict(
     value, slope = columns(model, made, motion, end)
     seen = hermite(value + setting.turns, slope, step_s, moved, setting.column)
     if model.marker_ids and any(model.of(shape) for shape in SEEING):
-        there = setting.column - axis
+        there = (setting.column - axis)[:, None] + np.arange(3)
 
         def sight(time: Float[Array, " samples"]) -> Sight:
-            each = [hermite_rate(value, slope, step_s, time - made.held_s, there + i) for i in range(3)]
-            path, rate = (jnp.stack(parts, -1) for parts in zip(*each, strict=True))
+            path, rate = hermite_rate(value, slope, step_s, (time - made.held_s)[:, None], there)
             return Sight(path, rate, time, jnp.min(setting.since_release_s))
 
         late = shutter(model, sight(time), marker)
@@ -234,12 +233,20 @@ def view(model: Model, sight: Sight, marker: Int[Array, "*batch"]) -> Float[Arra
     for placed in model.of(AbstractBaseMotion):
         for base in placed.each():
             sight = eqx.tree_at(lambda s: s.p_WP, sight, sight.p_WP + base.displacement(sight.time_s))
+
+    def seen(effect: AbstractView, p_WP: Array) -> Array:
+        return effect.view(eqx.tree_at(lambda s: s.p_WP, sight, p_WP), model.camera)
+
+    points = sight.p_WP
     for placed in model.of(AbstractView):
-        for effect, place in zip(placed.each(), placed.places, strict=True):
-            seen = effect.view(sight, model.camera)
-            seen = seen if not place else jnp.where((marker == place[0])[..., None], seen, sight.p_WP)
-            sight = eqx.tree_at(lambda s: s.p_WP, sight, seen)
-    return sight.p_WP
+        if all(placed.places):
+            points = placed.in_turn(
+                points, lambda p, effect, place: jnp.where((marker == place)[..., None], seen(effect, p), p)
+            )
+        else:
+            for effect in placed.each():
+                points = seen(effect, points)
+    return points
 
 
 def shutter(model: Model, sight: Sight, marker: Int[Array, " n"]) -> Float[Array, " n"]:

@@ -3,12 +3,14 @@
 import dataclasses
 
 import jax
+import numpy as np
 from jaxtyping import Array, Float
 
 from backend.effects.gravity import Gravity
 from backend.effects.shapes import AbstractDrawnError, AbstractMarkerError, AbstractSpringError
 from backend.frames import quaternion
 from backend.model.drawing import Drawing
+from backend.model.incidence import with_row
 from backend.model.model import Model
 from backend.model.placed import Placed
 from backend.model.topology import Topology
@@ -29,10 +31,9 @@ def amended(model: Model) -> Model:
 def marker_points(model: Model) -> Float[Array, "markers 3"]:
     """Where markers really sit, in the axes of their bodies."""
     points, R_WB = model.marker_points, quaternion.rotation(model.drawn_poses[:, 3:])
+    axis_B = model.view_axis @ R_WB[np.array(model.marker_bodies, dtype=int)]
     for placed in model.of(AbstractMarkerError):
-        for error, (marker,) in zip(placed.each(), placed.places, strict=True):
-            axis_B = R_WB[model.marker_bodies[marker]].T @ model.view_axis
-            points = points.at[marker].set(error.moved(points[marker], axis_B))
+        points = placed.in_turn(points, lambda p, e, m: with_row(p, m, e.moved(p[m], axis_B[m])))
     return points
 
 
@@ -40,8 +41,7 @@ def redraw(model: Model) -> Drawing:
     """The drawing after every error of what was drawn."""
     drawing = model.drawing
     for placed in model.of(AbstractDrawnError):
-        for error, (place, *_) in zip(placed.each(), placed.places, strict=True):
-            drawing = error.redraw(drawing, place)
+        drawing = placed.in_turn(drawing, lambda now, error, place: error.redraw(now, place))
     return drawing
 
 

@@ -6,6 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from backend.model.incidence import with_row
+
 
 class Drawing(eqx.Module):
     """Bodies (slots of moving bodies, then fixed ones) and joints of a mechanism, SI, in body axes.
@@ -33,12 +35,12 @@ class Drawing(eqx.Module):
         return eqx.tree_at(
             lambda d: [getattr(d, name) for name in names],
             self,
-            [getattr(self, name).at[body].set(rows[name]) for name in names],
+            [with_row(getattr(self, name), body, rows[name]) for name in names],
         )
 
     def with_axes_a(self, joint: int, axes: Float[Array, "3 3"]) -> "Drawing":
         """A copy in which a joint's frame in its first body has other axes."""
-        return eqx.tree_at(lambda d: d.axes_a, self, self.axes_a.at[joint].set(axes))
+        return eqx.tree_at(lambda d: d.axes_a, self, with_row(self.axes_a, joint, axes))
 
     def with_gravity(self, gravity: Float[Array, "3"]) -> "Drawing":
         """A copy under other gravity [m/s²]."""

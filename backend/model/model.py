@@ -3,6 +3,7 @@
 import dataclasses
 import re
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -16,6 +17,7 @@ from backend.effects.shapes import AbstractPush, AbstractSection, Camera
 from backend.mechanism.effect import ParameterValue
 from backend.model.drawing import Drawing
 from backend.model.flexible import whole
+from backend.model.incidence import picked
 from backend.model.placed import Placed
 from backend.model.scale import Scale
 from backend.model.topology import Topology
@@ -101,15 +103,42 @@ class Model(eqx.Module):
 
         Raises KeyError naming the known effects where an address is not in the model.
         """
-        model = self
-        for (effect_id, name), value in values.items():
-            component = COMPONENT.fullmatch(name)
-            name = component["name"] if component else name
-            index, row = model._find(effect_id, name)
-            at = (row, int(component["at"])) if component else row
-            leaf = getattr(model.effects[index].effect, name).at[at].set(jnp.asarray(value))
-            model = eqx.tree_at(lambda m, i=index, n=name: getattr(m.effects[i].effect, n), model, leaf)
-        return model
+        given = [jnp.ravel(jnp.broadcast_to(jnp.asarray(v), self._places(a)[2].shape)) for a, v in values.items()]
+        ends = np.cumsum([0, *(v.size for v in given)])
+        sources = {a: np.arange(first, end) for a, (first, end) in zip(values, pairwise(ends), strict=True)}
+        return self.with_numbers(jnp.concatenate(given), sources) if given else self
+
+    def with_numbers(self, values: Float[Array, " n"], sources: Mapping[Address, np.ndarray]) -> "Model":
+        """A copy in which parameters are values[source]: the last source of a number counts.
+
+        Of each kind's parameter all in one pass: XLA would run a loop for every one that is set by itself.
+        """
+        leaves: dict[tuple[int, str], np.ndarray] = {}
+        for address, source in sources.items():
+            index, name, places = self._places(address)
+            size = getattr(self.effects[index].effect, name).size
+            leaves.setdefault((index, name), np.arange(size))[places] = size + source
+        if not leaves:
+            return self
+
+        def changed(index: int, name: str, source: np.ndarray) -> Array:
+            leaf = getattr(self.effects[index].effect, name)
+            return picked(jnp.concatenate([jnp.ravel(leaf), values.astype(leaf.dtype)]), source).reshape(leaf.shape)
+
+        return eqx.tree_at(
+            lambda m: [getattr(m.effects[i].effect, n) for i, n in leaves],
+            self,
+            [changed(i, n, source) for (i, n), source in leaves.items()],
+        )
+
+    def _places(self, address: Address) -> tuple[int, str, np.ndarray]:
+        """Which effects and parameter of theirs hold a number, and its places among all of that parameter."""
+        component = COMPONENT.fullmatch(address[1])
+        name = component["name"] if component else address[1]
+        index, row = self._find(address[0], name)
+        shape = np.shape(getattr(self.effects[index].effect, name))
+        places = np.atleast_1d(np.arange(np.prod(shape, dtype=int)).reshape(shape)[row])
+        return index, name, places[[int(component["at"])]] if component else places
 
     def addresses(self, effect_id: str, name: str) -> list[Address]:
         """Where the model holds a number of a drawn effect: one that it holds once a place (`id@place`), because its

@@ -1,14 +1,18 @@
 """The effects of one kind in a model, and where each of them acts."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
+from jax import lax
 from jaxtyping import Array
 
 from backend.effects.effect import AbstractEffect
 from backend.model.incidence import added, picked
+
+State = TypeVar("State")
 
 
 class Placed(eqx.Module):
@@ -38,6 +42,15 @@ class Placed(eqx.Module):
     def at(self, column: int = 0) -> np.ndarray:
         """(places,) joint indices or body slots."""
         return np.array([place[column] for place in self.places], dtype=int)
+
+    def in_turn(self, state: State, onward: Callable[[State, Any, Any], State]) -> State:
+        """What `onward(state, effect, place)` makes of a state, one effect at its first place after the other.
+
+        Several are a loop, which is compiled once: its places are then no numbers that a program knows.
+        """
+        if len(self.places) == 1:
+            return onward(state, self.each()[0], self.places[0][0])
+        return lax.scan(lambda now, one: (onward(now, *one), None), state, (self.here, self.at()))[0]
 
     def summed(self, count: int, values: Array) -> Array:
         """Add one value per place into an array over joints or bodies."""

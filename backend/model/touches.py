@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from backend.effects.shapes import AbstractBedFriction, AbstractLinkContact, Capsule, Wall
 from backend.model.drawing import Drawing
+from backend.model.incidence import picked
 from backend.model.placed import Placed
 
 UNIFORM = np.sqrt(0.75)  # half of a uniform bar's length over twice its radius of gyration: where its two pads carry it
@@ -67,22 +68,17 @@ def pads(
     normal: of the bed in W.  rotation: of the bodies as drawn.  A uniform bar's pads stand a quarter of its length from
     its middle, where they brake a spin as the whole bar would.
     """
-    bodies: list[int] = []
-    points, grips = [], []
-    weight = jnp.abs(drawing.gravity @ normal)
-    for group in placed:
-        coefficient = jax.vmap(lambda e: e.coefficient())(group.here)
-        for place, body in enumerate(group.at()):
-            n_B = rotation[body].T @ normal
-            along = drawing.length_axis[body] - n_B * (n_B @ drawing.length_axis[body])
-            along = along / jnp.sqrt(along @ along + 1e-300)
-            gyration = jnp.sqrt(n_B @ drawing.inertia[body] @ n_B / drawing.mass[body])
-            for side in (-1.0, 1.0):
-                bodies.append(int(body))
-                points.append(side * UNIFORM * gyration * along)
-                grips.append(0.5 * coefficient[place] * drawing.mass[body] * weight)
-    none = jnp.zeros((0, 3))
-    return Pads(tuple(bodies), jnp.stack(points) if points else none, jnp.stack(grips) if grips else none[:, 0], normal)
+    if not placed:
+        return Pads((), jnp.zeros((0, 3)), jnp.zeros(0), normal)
+    each = np.concatenate([group.at() for group in placed])
+    coefficient = jnp.concatenate([jax.vmap(lambda e: e.coefficient())(group.here) for group in placed])
+    n_B, drawn, mass = normal @ picked(rotation, each), picked(drawing.length_axis, each), picked(drawing.mass, each)
+    along = drawn - n_B * jnp.sum(n_B * drawn, -1, keepdims=True)
+    along = along / jnp.sqrt(jnp.sum(along**2, -1, keepdims=True) + 1e-300)
+    gyration = jnp.sqrt(jnp.einsum("ni,nij,nj->n", n_B, picked(drawing.inertia, each), n_B) / mass)
+    reach, grip = UNIFORM * gyration[:, None] * along, 0.5 * coefficient * mass * jnp.abs(drawing.gravity @ normal)
+    bodies = tuple(np.repeat(each, 2).tolist())
+    return Pads(bodies, jnp.stack([-reach, reach], 1).reshape(-1, 3), jnp.repeat(grip, 2), normal)
 
 
 def bed_friction(placed: list[Placed]) -> list[Placed]:

@@ -39,6 +39,9 @@ class Correction(NamedTuple):
     push: Float[Array, "joints 6"]
 
 
+Cancel = Callable[[Correction], Correction]
+
+
 def closed(system: System, reference: Pose, moved: BodyRows | None = None) -> Pose:
     """The closed pose nearest to a reference moved by ξ = `moved`.
 
@@ -61,7 +64,7 @@ def _close(system: System, reference: Pose, wanted: BodyRows) -> Correction:
 
     def correct(carry: tuple) -> tuple:
         now, error, _, iterations = carry
-        change = _direction(system, reference, here, now, _residual(system, reference, wanted, now))
+        change = _towards(system, reference, here, now)(_residual(system, reference, wanted, now))
         now = Correction(_bounded(now.xi, change.xi), now.push + change.push)
         return now, _error(system, reference, now), error, iterations + 1
 
@@ -77,7 +80,7 @@ def _close_jvp(primals: tuple, tangents: tuple) -> tuple[Correction, Correction]
     here = kinematics.rows(system, kinematics.bodies(system, reference)).jacobian
     return now, _refined(
         change,
-        lambda left: _direction(system, reference, here, now, left),
+        _towards(system, reference, here, now),
         lambda by: jax.jvp(lambda n: _residual(system, reference, wanted, n), (now,), (by,))[1],
     )
 
@@ -88,7 +91,7 @@ def _residual(system: System, reference: Pose, wanted: BodyRows, now: Correction
     return _balance(system, here, now.xi - wanted, rows.value, now.push)
 
 
-def _direction(system: System, reference: Pose, here: Array, now: Correction, residual: Correction) -> Correction:
+def _towards(system: System, reference: Pose, here: Array, now: Correction) -> Cancel:
     """Change of increment and impulses that cancels a residual; linear in it."""
     rows = kinematics.rows(system, kinematics.bodies(system, reference.advance(now.xi)))
     turn = jnp.concatenate([turning_map(now.xi[:, 3:]), jnp.eye(3)[None]])[
@@ -103,18 +106,19 @@ def _direction(system: System, reference: Pose, here: Array, now: Correction, re
         ],
         -1,
     )
-    return _cancel(system, here, there, residual)
+    return _cancelling(system, here, there)
 
 
 @jax.custom_jvp
 def _along(system: System, pose: Pose, wanted: BodyRows) -> Correction:
     """The velocity nearest to a wanted one that the held rows allow: M (v - wanted) = Jᵀ μ, J v = 0."""
     rows = kinematics.rows(system, kinematics.bodies(system, pose)).jacobian
-    now = Correction(wanted, jnp.zeros(rows.shape[:2]))
-    for _ in range(2):
-        change = _cancel(system, rows, rows, _drift(system, pose, wanted, now))
-        now = jax.tree.map(jnp.add, now, change)
-    return now
+    cancel = _cancelling(system, rows, rows)
+
+    def corrected(_: int, now: Correction) -> Correction:
+        return jax.tree.map(jnp.add, now, cancel(_drift(system, pose, wanted, now)))
+
+    return lax.fori_loop(0, 2, corrected, Correction(wanted, jnp.zeros(rows.shape[:2])))
 
 
 @_along.defjvp
@@ -125,7 +129,7 @@ def _along_jvp(primals: tuple, tangents: tuple) -> tuple[Correction, Correction]
     rows = kinematics.rows(system, kinematics.bodies(system, pose)).jacobian
     return now, _refined(
         change,
-        lambda left: _cancel(system, rows, rows, left),
+        _cancelling(system, rows, rows),
         lambda by: jax.jvp(lambda n: _drift(system, pose, wanted, n), (now,), (by,))[1],
     )
 
@@ -142,14 +146,13 @@ def _balance(system: System, here: Array, moved: BodyRows, rows: Array, push: Ar
     return Correction(instantaneous(system, moved) - pushed, give)
 
 
-def _cancel(system: System, here: Array, there: Array, residual: Correction) -> Correction:
-    """Solve M δξ - hereᵀ δμ = -r₁, there δξ + ε δμ = -r₂ over the body graph.
+def _cancelling(system: System, here: Array, there: Array) -> Cancel:
+    """Of a residual r the solution of M δξ - hereᵀ δμ = -r₁, there δξ + ε δμ = -r₂ over the body graph.
 
     Rows that are far open are 1e8 times what moves a body, which rounding leaves in error by more than itself: what
     the first answer leaves of r₁ is solved for once more, without them.
     """
     weight = jnp.where(system.held_rows, 1.0 / system.compliance, 0.0)
-    offset = -jnp.where(system.held_rows, weight, 1.0) * residual.push
     others = jnp.zeros((len(system.topology.struts) + len(system.topology.touches), 12, 12))
     mass = system.mass[:, None, None] * jnp.eye(3)
     zero = jnp.zeros_like(mass)
@@ -163,24 +166,27 @@ def _cancel(system: System, here: Array, there: Array, residual: Correction) -> 
     def given(xi: BodyRows) -> Array:
         return weight * jnp.sum(there * _pairs(system, xi)[:, None, :], -1)
 
-    xi = linear.solve(factored, pulled(offset) - residual.xi)
-    push = offset - given(xi)
-    more = linear.solve(factored, pulled(push) - residual.xi - instantaneous(system, xi))
-    return Correction(xi + more, push - given(more))
+    def cancel(residual: Correction) -> Correction:
+        offset = -jnp.where(system.held_rows, weight, 1.0) * residual.push
+        xi = linear.solve(factored, pulled(offset) - residual.xi)
+        push = offset - given(xi)
+        more = linear.solve(factored, pulled(push) - residual.xi - instantaneous(system, xi))
+        return Correction(xi + more, push - given(more))
+
+    return cancel
 
 
-def _refined(
-    change: Correction, cancel: Callable[[Correction], Correction], slope: Callable[[Correction], Correction]
-) -> Correction:
+def _refined(change: Correction, cancel: Cancel, slope: Callable[[Correction], Correction]) -> Correction:
     """Answer to a change of the residual, refined twice.
 
     Rounding leaves the rows open by 1e-7 of the answer, and a step of h seconds turns an opening into a velocity of
     opening / h.
     """
-    answer = cancel(change)
-    for _ in range(2):
-        answer = jax.tree.map(jnp.add, answer, cancel(jax.tree.map(jnp.add, change, slope(answer))))
-    return answer
+
+    def refined(_: int, answer: Correction) -> Correction:
+        return jax.tree.map(jnp.add, answer, cancel(jax.tree.map(jnp.add, change, slope(answer))))
+
+    return lax.fori_loop(0, 2, refined, cancel(change))
 
 
 def start(
@@ -202,11 +208,12 @@ def start(
         moved = moved.at[:, :3].add(apply(quaternion.rotation(reference.quaternion), shift))
     pose = closed(system, reference, moved)
     ideal = system.centred()
-    velocity = _along(ideal, pose, jnp.einsum("bim,m->bi", motions, rates)).xi
-    if system.pushes:
-        each = [_along(ideal, pose, jnp.asarray(motions)[:, :, k]).xi for k in range(motions.shape[-1])]
-        velocity = velocity + pushed(system, pose, jnp.stack(each))
-    return Start(pose, velocity)
+    wanted = jnp.einsum("bim,m->bi", motions, rates)[None]
+    if not system.pushes:
+        return Start(pose, _along(ideal, pose, wanted[0]).xi)
+    each = jnp.concatenate([wanted, jnp.moveaxis(jnp.asarray(motions), -1, 0)])
+    velocity, *free = jax.vmap(lambda one: _along(ideal, pose, one).xi)(each)
+    return Start(pose, velocity + pushed(system, pose, jnp.stack(free)))
 
 
 def let_go(system: System, pose: Pose) -> Start:

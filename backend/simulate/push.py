@@ -3,9 +3,11 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from backend.joints.joint import TURN
+from backend.model.incidence import added
 from backend.model.state import Pose
 from backend.model.system import System
 from backend.simulate import kinematics, law
@@ -27,17 +29,17 @@ def pushed(system: System, pose: Pose, motions: Float[Array, "mobility slots 6"]
     unit = jnp.where(turning, 1.0, 1.0 / system.scale.length_m)
     wanted, named = jnp.zeros(len(turning)), np.zeros(len(turning), dtype=bool)
     for placed in system.pushes:
-        for push, place in zip(placed.each(), placed.places, strict=True):
-            (joint,) = place or (_first(system),)
-            wanted = wanted.at[joint].add(push.speed(jnp.asarray(turning[joint])))
-            named[joint] = True
+        joints = np.array([joint for (joint,) in (place or (_first(system),) for place in placed.places)], dtype=int)
+        speeds = jax.vmap(lambda push, turns: push.speed(turns))(placed.here, jnp.asarray(turning[joints]))
+        wanted, named = wanted + added(speeds, joints, len(turning)), named | np.isin(np.arange(len(turning)), joints)
     weight = jnp.where(named, 1.0, FAINT) * unit**2
     square = rates.T @ (weight[:, None] * rates) + UNSEEN * jnp.eye(rates.shape[1])
-    share, asked = jnp.zeros(rates.shape[1]), jnp.zeros(len(turning))
-    for _ in range(1 + AGAIN):
-        lacking = jnp.where(named, wanted - rates @ share, 0.0)
-        asked = asked + lacking
-        share = jnp.linalg.solve(square, rates.T @ (weight * asked))
+    gain = jnp.linalg.solve(square, rates.T * weight)
+
+    def asked_again(_: int, asked: Float[Array, "joints"]) -> Float[Array, "joints"]:
+        return asked + jnp.where(named, wanted - rates @ (gain @ asked), 0.0)
+
+    share = gain @ lax.fori_loop(0, 1 + AGAIN, asked_again, jnp.zeros(len(turning)))
     return jnp.einsum("m,mbi->bi", share, motions)
 
 

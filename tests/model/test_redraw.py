@@ -8,7 +8,7 @@ from backend.model.build import build
 from backend.model.state import drawn_pose
 from backend.model.system import system
 from backend.simulate import points
-from tests.mechanisms import bar_inertia, effect, fourbar, pendulum
+from tests.mechanisms import bar_inertia, double_pendulum, effect, fourbar, pendulum
 
 
 def redrawn(kind, on, drawn=pendulum, **parameters):
@@ -48,3 +48,22 @@ def test_gravity_seen_from_a_leaning_rig_leans_the_other_way(name, axis):
     real = redrawn("gravity_tilt", ["world"], **{name: 0.1})
     expected = Rotation.from_rotvec(-0.1 * np.array(axis)).apply([0, -9.81, 0])
     np.testing.assert_allclose(real.forces[0].effect.gravity_m_per_s2[0], expected, atol=1e-12)
+
+
+def test_errors_of_one_kind_add_up_on_one_part_and_stay_off_the_others():
+    drawn = system(build(double_pendulum()))
+    errors = [
+        effect("a", "mass_error", ["lower"], relative=0.1),
+        effect("b", "mass_error", ["lower"], relative=0.2),
+        effect("c", "mass_error", ["upper"], relative=-0.5),
+    ]
+    ratio = np.asarray(system(build(double_pendulum(errors))).mass / drawn.mass)
+    slots = build(double_pendulum()).topology.body_ids
+    np.testing.assert_allclose([ratio[slots.index(b)] for b in ("upper", "lower")], [0.5, 1.32], rtol=1e-12)
+
+
+def test_markers_are_moved_one_by_one():
+    moved = [effect("m", "marker_offset", ["tip"], dx_m=0.01), effect("n", "marker_offset", ["tip"], dx_m=0.02)]
+    drawn, real = (np.asarray(system(build(double_pendulum(e))).markers) for e in ((), moved))
+    at = build(double_pendulum()).marker_ids.index("tip")
+    np.testing.assert_allclose(np.linalg.norm(real - drawn, axis=1), 0.03 * (np.arange(len(drawn)) == at), atol=1e-15)
