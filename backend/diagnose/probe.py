@@ -74,8 +74,8 @@ class Probe(Run):
     bumps: (steps, waves) of the unknown drives, the last columns of the setting's record. correction: what the error of
     the step takes from every sample, put back. misplaced: what the library's last numbers, those of the cameras, do
     to samples. lying: ways in which samples before the release may be off, by one deviation each (see `settled`).
-    loose: whether pins are, so that motions take so long that a program of their own is worth compiling. at_once:
-    directions.
+    loose: whether pins are, so that motions take so long that a program of their own is worth compiling. at_once: how
+    many directions the compiled program takes.
     """
 
     neutral: Float[np.ndarray, " all"] = field(default_factory=lambda: np.zeros(0))

@@ -22,7 +22,7 @@ def amended(model: Model) -> Model:
     for placed in model.of(AbstractSpringError):
         for error, (batch, row) in zip(placed.each(), placed.places, strict=True):
             real = error.amend(jax.tree.map(lambda leaf, r=row: leaf[r], effects[batch].effect))
-            leaves = jax.tree.map(lambda all_, one, r=row: all_.at[r].set(one), effects[batch].effect, real)
+            leaves = jax.tree.map(lambda all_, one, r=row: with_row(all_, r, one), effects[batch].effect, real)
             effects[batch] = dataclasses.replace(effects[batch], effect=leaves)
     kept = tuple(p for p in effects if not isinstance(p.effect, AbstractSpringError))
     return dataclasses.replace(model, effects=kept)

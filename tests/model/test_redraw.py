@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from backend.mechanism.read import parse_mechanism
 from backend.model.build import build
 from backend.model.state import drawn_pose
 from backend.model.system import system
 from backend.simulate import points
-from tests.mechanisms import bar_inertia, double_pendulum, effect, fourbar, pendulum
+from tests.mechanisms import bar_inertia, document, double_pendulum, effect, fourbar, pendulum
 
 
 def redrawn(kind, on, drawn=pendulum, **parameters):
@@ -62,8 +63,14 @@ def test_errors_of_one_kind_add_up_on_one_part_and_stay_off_the_others():
     np.testing.assert_allclose([ratio[slots.index(b)] for b in ("upper", "lower")], [0.5, 1.32], rtol=1e-12)
 
 
-def test_markers_are_moved_one_by_one():
-    moved = [effect("m", "marker_offset", ["tip"], dx_m=0.01), effect("n", "marker_offset", ["tip"], dx_m=0.02)]
-    drawn, real = (np.asarray(system(build(double_pendulum(e))).markers) for e in ((), moved))
-    at = build(double_pendulum()).marker_ids.index("tip")
-    np.testing.assert_allclose(np.linalg.norm(real - drawn, axis=1), 0.03 * (np.arange(len(drawn)) == at), atol=1e-15)
+def test_each_marker_is_moved_by_its_own_errors_and_no_other():
+    given = document(double_pendulum())
+    given["markers"] = [{**given["markers"][0], "id": name} for name in ("near", "tip", "far")]
+    shifts = [("near", 0.01, 0.0), ("near", 0.02, 0.0), ("far", 0.0, -0.04)]
+    given["effects"] = [
+        effect(f"m{i}", "marker_offset", [on], dx_m=x, dy_m=y).model_dump(mode="json")
+        for i, (on, x, y) in enumerate(shifts)
+    ]
+    made, drawn = build(parse_mechanism(given)), system(build(double_pendulum()))
+    moved = np.asarray(system(made).markers - drawn.markers)[[made.marker_ids.index(n) for n in ("near", "tip", "far")]]
+    np.testing.assert_allclose(moved, [[0.03, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, -0.04, 0.0]], atol=1e-15)
