@@ -14,11 +14,10 @@ from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, is_new
 from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.ends import stopping_alike
-from backend.diagnose.fitted import mean_square
+from backend.diagnose.fitted import LARGE, mean_square
 from backend.diagnose.heard import alike
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH, STOPS, families, library, rubs_dry
 from backend.diagnose.onset import MOVED, Onset, moved, onset
-from backend.diagnose.screen import LARGE
 from backend.diagnose.standards import NOTHING, SMALL, SURE, WIDE, AbstractStandards
 from backend.diagnose.subject import prepare
 from backend.diagnose.switch import let_go
@@ -339,6 +338,7 @@ class AbstractBeyondSmooth(AbstractStandards):
     def _judged(self, cause: Cause, search: Search | None = None) -> tuple[Cause, Adequacy]:
         """A cause and what it leaves, with the responses to unknown forces taken about it."""
         search = search or self.search
+        cause = search.seen_through(cause)
         search.look_again(cause)
         return cause, adequacy(cause.fitted, search.latent, self.rng)
 

@@ -47,6 +47,7 @@ class Climb(AbstractBeyondSmooth):
             if not leaders:
                 break
             top, judged = self._judged(leaders[0])
+            leaders = [top, *leaders[1:]]
             if depth == SURE and not self.enough(judged):
                 leaders = self._leaders(in_shape(self.search, leaders))
                 if leaders[0] is not top:

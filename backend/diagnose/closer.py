@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from backend.diagnose.cause import Cause
-from backend.diagnose.fitted import BEHIND, fit, log_evidence
+from backend.diagnose.fitted import BEHIND, log_evidence
 from backend.diagnose.switched import GROWING, opened
 from backend.diagnose.which import Search
 
@@ -21,7 +21,7 @@ def closer(search: Search, cause: Cause) -> Cause:
     begun = opened(search, cause.fitted)
     if begun is None:
         return cause
-    made = fit(search.subject, begun.choice, start=begun.x, fractions=GROWING[1:])
+    made = search.fit_about(cause.fitted, begun.choice, begun.x, GROWING[1:])
     hardly = cause.fitted.chi2 - made.chi2 < HARDLY * made.r.size
     found = Cause(made, log_evidence(made), cause.fitted if hardly else None)
     if not found.log_z > cause.log_z:

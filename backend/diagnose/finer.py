@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.diagnose.bumps import bells, width
-from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.fitted import Fitted
 from backend.diagnose.probe import Probe
+from backend.diagnose.seer import Seer
 from backend.diagnose.subject import Subject
 
 WORLD, CAMERA = "world", "camera"

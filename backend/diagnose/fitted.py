@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,19 +16,20 @@ from backend.diagnose.independent import independent_of
 from backend.diagnose.kept import name_of
 from backend.diagnose.library import RUBBING
 from backend.diagnose.probe import Probe
-from backend.diagnose.subject import Choice, Subject
+from backend.diagnose.seer import Seer
+from backend.diagnose.subject import ALIKE, Choice, Subject
 from backend.fit.solve import LeastSquares, Solution, solve
 
 GAIN = 0.1  # in log evidence, by as much of it as counts where the form is wrong: a step that brings less is the last
 AT_BOUND = 1e-6  # of a number's natural size
-PLACES = ("m", "rad")  # units of channels that tell where something is
 UNSETTLED = 5.0  # sd of noise
 COARSE = 0.02  # of what is left: once a step gains less, a fit is seen through unless it is far behind another
 BEHIND = 4.0  # times what another leaves: so far behind it
+LARGE = 4.0  # noise variances a sample, left by a fit: beyond, first order holds for a while only
+LONGER = (4, 2)  # steps that one may stand for where a fit leaves as much
+ERRING = 0.01  # of what a fit leaves, in squares: error of longer steps, put back, beyond which they are not taken
 REFUSALS = 5  # in a row: where friction sticks, a slope promises what no step brings
 RUBBED = 6  # iterations at most where walls rub: each costs as many motions as there are numbers, twice
-ACROSS = 0.05  # of a number's sd before any data, each way
-ACROSS_START = 3e-4  # rad or mechanism lengths; ten times as much of a rate
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,41 @@ class Fitted:
         if self.subject.coarse == 1:
             return self.probes
         return tuple(self.subject.chosen(p, self.choice).first(self.fraction) for p in self.subject.rough)
+
+    @cached_property
+    def longer(self) -> Subject | None:
+        """The experiments in longer steps, with their error about this motion put back, where what it leaves is far
+        beyond noise and that error: what joins it is fitted in these, until it leads. None elsewhere.
+        """
+        if self.fraction < 1.0 or not self.chi2 > LARGE * self.r.size:
+            return None
+        subject, every = self.subject, range(len(self.subject.fit))
+        if any(p.loose for p in subject.fit):
+            return None
+        white = Seer(subject, self.probes).white
+        own = self.whole if self.in_longer_steps else self.probes
+        fine = subject.over(lambda i: own[i].predict(self.values, self.own(i))[0], every)
+        for times in LONGER:
+            plain = subject.put_right(times * subject.coarse, [np.zeros(p.data.time_s.size) for p in subject.fit])
+            moved = [subject.chosen(p, self.choice) for p in plain.fit]
+            seen = subject.over(lambda i, moved=moved: moved[i].seen(self.values, self.own(i)), every)
+            errors = [one - other for one, other in zip(fine, seen, strict=True)]
+            if sum(float(np.sum(w(e) ** 2)) for w, e in zip(white, errors, strict=True)) < ERRING * self.chi2:
+                return subject.put_right(times * subject.coarse, [np.nan_to_num(e) for e in errors])
+        return None
+
+    def slope_probes(self, within: float) -> tuple[Sequence[Probe], str]:
+        """Experiments for slopes about this motion that hold for others which lie within this share, and in which steps
+        they go: longer ones tell slopes that are to first order only as well.
+        """
+        if within < ALIKE or self.longer is None:
+            return self.rough, ""
+        return [self.longer.chosen(p, self.choice) for p in self.longer.fit], " in longer steps"
+
+    @property
+    def in_longer_steps(self) -> bool:
+        """Whether it was fitted in longer steps than its subject's."""
+        return self.probes[0].step_s > self.subject.step_s
 
     @property
     def count(self) -> int:
@@ -237,85 +273,6 @@ def mean_square(fitted: Fitted, fraction: float) -> float:
     """What a fit leaves of the first fraction of its records, in variances of the noise; infinite where it is lost."""
     r, _ = Seer(fitted.subject, [p.first(fraction) for p in fitted.probes], fraction)(fitted.x)
     return float(np.nan_to_num(np.mean(r**2), nan=np.inf))
-
-
-class Seer:
-    """Whitened (measured - predicted) and slopes of the prediction, all runs of a subject."""
-
-    def __init__(self, subject: Subject, probes: Sequence[Probe], fraction: float = 1.0):
-        self.subject, self.probes = subject, probes
-        self.white = [subject.noise.whitening(p.data, i, fraction) for i, p in enumerate(probes)]
-        self.white = [w if p.lying is None else w.beside(p.lying) for w, p in zip(self.white, probes, strict=True)]
-        ends = np.cumsum([0, *[w.keep.size for w in self.white]]).tolist()
-        self.rows = tuple(slice(a, b) for a, b in pairwise(ends))
-        self.count = ends[-1]
-
-    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(r, J)."""
-        few, ends = self._ends(x)
-        r, J = np.zeros(self.count), np.zeros((self.count, x.size))
-
-        def one(i: int) -> None:
-            p, white, rows = self.probes[i], self.white[i], self.rows[i]
-            seen, slope = p.predict(x[:few], x[ends[i] : ends[i + 1]])
-            r[rows] = white(p.data.value - seen)
-            slope = white(slope)
-            J[rows, :few], J[rows, ends[i] : ends[i + 1]] = slope[:, :few], slope[:, few:]
-
-        self.subject.over(one, range(len(self.probes)))
-        return r, J
-
-    def left(self, x: np.ndarray) -> Float[np.ndarray, " n"]:
-        """r alone."""
-        few, ends = self._ends(x)
-        r = np.zeros(self.count)
-
-        def one(i: int) -> None:
-            p = self.probes[i]
-            r[self.rows[i]] = self.white[i](p.data.value - p.seen(x[:few], x[ends[i] : ends[i + 1]]))
-
-        self.subject.over(one, range(len(self.probes)))
-        return r
-
-    def across(self, x: np.ndarray, J: np.ndarray, sd: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Slopes by differences: where walls rub, pins stick and slip within a step, and exact slopes say how that step
-        reacts; through a record of them they grow past all bounds.
-
-        sd: of the choice's parameters before any data. J: exact ones, which stay where a motion is lost.
-        """
-        few, ends = self._ends(x)
-        made, every = J.copy(), range(len(self.probes))
-        ways = [(dict.fromkeys(every, k), float(ACROSS * sd[k])) for k in range(few)]
-        for c in range(max(p.unknowns for p in self.probes)):  # each run's own moves no other: all at once
-            runs = [i for i in every if self.probes[i].unknowns > c]
-            far = ACROSS_START * (10.0 if c >= self.probes[runs[0]].mobility else 1.0)
-            ways.append(({i: int(ends[i]) + c for i in runs}, far))
-        for column_of, far in ways:
-            below, above, moved = x.copy(), x.copy(), list(column_of.values())
-            below[moved] = np.maximum(x[moved] - far, lower[moved])
-            above[moved] = np.minimum(x[moved] + far, upper[moved])
-            change = self.left(below) - self.left(above)
-            for i, column in column_of.items():
-                slope = change[self.rows[i]] / (above[column] - below[column])
-                made[self.rows[i], column] = np.where(np.isfinite(slope), slope, J[self.rows[i], column])
-        return made
-
-    def _ends(self, x: np.ndarray) -> tuple[int, np.ndarray]:
-        """Number of shared numbers, and where each run's own begin."""
-        few = 0 if self.probes[0].ties is None else self.probes[0].ties.shape[1]
-        return few, few + np.cumsum([0, *[p.unknowns for p in self.probes]])
-
-    def miss(self, x: np.ndarray) -> float:
-        """Rms of what the prediction misses, in radians or mechanism lengths; what joints carry is no place."""
-        few, ends = self._ends(x)
-        length, squares, count = float(self.subject.model.scale.length_m), 0.0, 0
-        for i, (p, white) in enumerate(zip(self.probes, self.white, strict=True)):
-            seen, _ = p.predict(x[:few], x[ends[i] : ends[i + 1]])
-            unit = np.array([c.unit for c in p.data.channels])[p.data.channel]
-            off = ((p.data.value - seen) / np.where(unit == "m", length, 1.0))[white.keep]
-            off = off[np.isin(unit, PLACES)[white.keep]]
-            squares, count = squares + float(off @ off), count + off.size
-        return float(np.sqrt(squares / max(count, 1)))
 
 
 START_SD = 10.0  # rad or mechanism lengths, and the same for rates: what any start may lie off

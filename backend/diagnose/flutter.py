@@ -15,8 +15,9 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from backend.diagnose.bumps import bumps_at
-from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.fitted import Fitted
 from backend.diagnose.probe import Probe
+from backend.diagnose.seer import Seer
 from backend.fit.measured import AXES
 
 SURE = 1e-6  # probability from noise alone, of all markers and frequencies together

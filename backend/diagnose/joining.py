@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, begun_from
-from backend.diagnose.fitted import Fitted, Seer, fit
+from backend.diagnose.fitted import Fitted, fit
 from backend.diagnose.library import STOPS
+from backend.diagnose.seer import Seer
 from backend.diagnose.switch import capped, openings, passed, roughened
 from backend.diagnose.which import Search
 

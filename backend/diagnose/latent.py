@@ -17,9 +17,10 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from backend.diagnose.bumps import bumps_at
-from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.fitted import Fitted
 from backend.diagnose.flutter import flutters, waves
 from backend.diagnose.probe import Probe
+from backend.diagnose.seer import Seer
 from backend.diagnose.subject import ALIKE, Subject
 from backend.fit.measured import AXES
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.fitted import Fitted
 from backend.diagnose.latent import Latent, left_over, neighbour_correlation, studentised
 from backend.diagnose.memory import Memory
 from backend.diagnose.noise import ENOUGH, drop, kind_of, numbered, places, strays
+from backend.diagnose.seer import Seer
 
 CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is left
 MANY = 500  # neighbouring samples from which memory is bettered

@@ -12,11 +12,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.fitted import Fitted
 from backend.diagnose.latent import Latent, left_over
 from backend.diagnose.memory import Memory
 from backend.diagnose.noise import ALIKE, kind_of
 from backend.diagnose.noise_learnt import CALM, MANY
+from backend.diagnose.seer import Seer
 from backend.diagnose.subject import Subject
 
 FADES = (0.2, 0.85)  # how much of a tracker's error may be left in the next sample

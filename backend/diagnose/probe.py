@@ -93,6 +93,12 @@ class Probe(Run):
         made.__dict__["setting"] = self.setting
         return made
 
+    def put_right(self, error: Float[np.ndarray, " samples"]) -> Probe:
+        """The same experiment with this error of the step put back."""
+        made = replace(self, correction=error, _last=None)
+        made.__dict__["setting"] = self.setting
+        return made
+
     def every(self, values: np.ndarray) -> np.ndarray:
         """The value at every address."""
         return self.neutral if self.ties is None else self.neutral + self.ties @ values

@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.diagnose.candidate import WIDE, Candidate
-from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.fitted import LARGE, Fitted
 from backend.diagnose.library import FAINT
+from backend.diagnose.seer import Seer
 from backend.diagnose.subject import ALIKE, SAME, Subject
 
 DRAWS = 2000
-LARGE = 4.0  # noise variances a sample, left by a fit: beyond, first order holds for a while only
 EARLY = 0.35  # of the records
 DIFFERENT = 0.01  # of a response, above which two do not do the same
 
@@ -205,7 +205,7 @@ def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
     """
     fitted, subject = about.fitted, about.subject
     seer = Seer(subject, fitted.probes, fitted.fraction)
-    rest = np.flatnonzero(candidate.sizes)
+    rest, (probes, _) = np.flatnonzero(candidate.sizes), fitted.slope_probes(ALIKE)
     choices = [worth or (p.start,) for worth, p in zip(candidate.tries, candidate.parameters, strict=True)]
     turn = candidate.turning
     phases = (0.0,) if turn is None else choices[turn]
@@ -221,10 +221,10 @@ def tuned(about: Screen, candidate: Candidate) -> dict[str, float]:
         directions = candidate.ties(neutral.size)[:, rest].T
 
         def one(i: int) -> np.ndarray:
-            probe = subject.rough[i].choose(fitted.choice.ties, neutral)
+            probe = probes[i].choose(fitted.choice.ties, neutral)
             return seer.white[i](np.nan_to_num(probe.slopes(fitted.gliding, fitted.own(i), directions)))
 
-        S = np.concatenate(subject.over(one, range(len(subject.rough))))
+        S = np.concatenate(subject.over(one, range(len(probes))))
         return S - J @ (H @ (J.T @ S))
 
     sd = candidate.prior_sd[rest]
@@ -292,18 +292,20 @@ def library_slopes(
         absent[own], far[own] = False, 1.0
     telling = np.flatnonzero(~absent)
     directions = np.diag(far)[telling]
+    probes, how = fitted.slope_probes(within)
 
     def one(i: int) -> np.ndarray:
-        return seer.white[i](np.nan_to_num(fitted.rough[i].slopes(fitted.gliding, fitted.own(i), directions)))
+        return seer.white[i](np.nan_to_num(probes[i].slopes(fitted.gliding, fitted.own(i), directions)))
 
     def sweep() -> np.ndarray:
         S = np.zeros((seer.count, absent.size))
-        S[:, telling] = np.concatenate(subject.over(one, range(len(fitted.rough))))
+        S[:, telling] = np.concatenate(subject.over(one, range(len(probes))))
         return S
 
     # A spring that is there tells another slope of where it rests than one that is not.
     there = [c.name for c in fitted.choice.candidates if c.proportional is not None]
-    return subject.alike(" ".join(["library", *(c.name for c in present), "about", *there]), fitted.r, sweep, within)
+    what = " ".join(["library", *(c.name for c in present), "about", *there])
+    return subject.alike(what + how, fitted.r, sweep, within)
 
 
 def _projected(subject: Subject, fitted: Fitted, S: np.ndarray, r: np.ndarray, J: np.ndarray) -> Screen:

@@ -118,18 +118,30 @@ class Subject:
     coarse: int = 1
     kept: Kept = field(default_factory=Kept)
     slopes: dict[str, list[tuple[np.ndarray, Any]]] = field(default_factory=dict)
+    longer: dict[int, list[Probe]] = field(default_factory=dict)
 
     @cached_property
     def neutral(self) -> np.ndarray:
         """As drawn."""
         return np.array(self.library.neutral)
 
-    @cached_property
+    @property
     def rough(self) -> list[Probe]:
         """Experiments to learn from, in the steps in which a study is simulated: finer ones tell what a motion misses,
         and slopes about it need none.
         """
-        return self.fit if self.coarse == 1 else [p.in_steps(self.coarse * self.step_s) for p in self.fit]
+        return self.fit if self.coarse == 1 else self.in_longer_steps(self.coarse)
+
+    def in_longer_steps(self, times: int) -> list[Probe]:
+        """Experiments to learn from, each step so many of these."""
+        if times not in self.longer:
+            self.longer[times] = [p.in_steps(times * self.step_s) for p in self.fit]
+        return self.longer[times]
+
+    def put_right(self, times: int, errors: Sequence[Float[np.ndarray, " samples"]]) -> Subject:
+        """The same subject to learn from in steps so many times as long, with these errors of them put back."""
+        fit = [p.put_right(e) for p, e in zip(self.in_longer_steps(times), errors, strict=True)]
+        return replace(self, fit=fit, step_s=times * self.step_s, coarse=1, slopes={}, longer={})
 
     def size_of(self, joint: str) -> float:
         """What counts as one of a joint's coordinate: 1 rad, or a mechanism length [m]."""

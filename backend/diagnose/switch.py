@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.diagnose.candidate import Candidate
-from backend.diagnose.fitted import Fitted, Seer, start_of
+from backend.diagnose.fitted import Fitted, start_of
 from backend.diagnose.library import PLAYS, RUBBING
+from backend.diagnose.seer import Seer
 from backend.diagnose.subject import Subject
 from backend.effects.catalogue import catalogue
 from backend.effects.shapes import AbstractJointStop

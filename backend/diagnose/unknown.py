@@ -18,10 +18,11 @@ from scipy.linalg import block_diag
 
 from backend.diagnose.adequacy import scaled
 from backend.diagnose.bumps import bumps_at
-from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.fitted import Fitted
 from backend.diagnose.flutter import flutters, waves
 from backend.diagnose.latent import Beside, Latent, evidence, log_mean, markers_and_axes, warp
 from backend.diagnose.screen import library_slopes
+from backend.diagnose.seer import Seer
 from backend.diagnose.softness import softness
 from backend.diagnose.subject import SAME, Subject
 

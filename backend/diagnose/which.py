@@ -7,14 +7,14 @@ so wide that the drawing loses the motion is first read over as much of the reco
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
-from backend.diagnose.fitted import BEHIND, Fitted, fit, log_evidence, mean_square, start_of
+from backend.diagnose.fitted import BEHIND, COARSE, LARGE, Fitted, fit, log_evidence, mean_square, start_of
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.noise_learnt import remember, set_aside
 from backend.diagnose.noise_untold import size_up
@@ -107,7 +107,7 @@ class Search:
         their way to whole records. place: where what the first parent leaves is known to lie; all that acts there is
         tried beside it, because first order may rank low what is not linear in two of its numbers.
         """
-        made: list[Cause] = []
+        joined: list[list[Fitted]] = []
         for i, parent in enumerate(parents):
             about = self.screen(parent)
             free = [c for c in self.subject.library.candidates if is_new(c, parent) and not c.sought]
@@ -121,8 +121,29 @@ class Search:
             for candidate in dict.fromkeys([*self.promising(about, plain, refits), *there]):
                 self._join(parent, about.early or about, candidate, fits, rival)
             self._widen(parent, about.early or about, wider, fits, rival)
-            made += [self.keep(f) for f in self._stretch(fits) if in_order(f)]
+            joined.append(fits)
+        made = [self.keep(f) for fits in self._leading(joined) for f in self._stretch(fits) if in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
+
+    def _leading(self, joined: Sequence[list[Fitted]]) -> list[list[Fitted]]:
+        """Fits of a level, those seen through that leave little and the likeliest."""
+        made = [[self._finished(f) if f.chi2 < LARGE * f.r.size else f for f in fits] for fits in joined]
+        while every := [(Cause(f, log_evidence(f)), fits, i) for fits in made for i, f in enumerate(fits)]:
+            top, fits, i = max(every, key=lambda e: (e[0].fitted.fraction, e[0].log_z + e[0].log_odds))
+            if not top.fitted.in_longer_steps:
+                break
+            fits[i] = self._finished(top.fitted)
+        return made
+
+    def _finished(self, fitted: Fitted) -> Fitted:
+        """A fit in the subject's own steps, begun where one in longer steps ended."""
+        if not fitted.in_longer_steps:
+            return fitted
+        return fit(self.subject, fitted.choice, start=fitted.x, fractions=(fitted.fraction,))
+
+    def seen_through(self, cause: Cause) -> Cause:
+        """A cause in the subject's own steps."""
+        return cause if not cause.fitted.in_longer_steps else self.keep(self._finished(cause.fitted))
 
     def _one_form(self, candidate: Candidate, parent: Cause) -> bool:
         """Whether one of a parent's members is a form of the candidate, or the other way: both would do one thing."""
@@ -157,11 +178,11 @@ class Search:
         horizons = self._horizons(parent)
         horizons = horizons if about is self.screen(parent) else (EARLY * horizons[0], *horizons)
         if (ended := self._ended(choice)) is not None:
-            fitted = self._near(rival, choice, ended, horizons[-1:])
+            fitted = self._near(rival, parent.fitted, choice, ended, horizons[-1:])
         else:
-            fitted = self._near(rival, choice, begun_from(begin, choice, values), horizons)
+            fitted = self._near(rival, parent.fitted, choice, begun_from(begin, choice, values), horizons)
         if fitted is not None and not fitted.chi2 <= parent.fitted.chi2:  # it contains the parent, and went astray
-            fitted = fit(self.subject, choice, start=begun_from(parent.fitted, choice), fractions=horizons[-1:])
+            fitted = self.fit_about(parent.fitted, choice, begun_from(parent.fitted, choice), horizons[-1:])
         if fitted is not None and np.isfinite(fitted.chi2):  # lost from its start, a set explains nothing
             fits.append(fitted)
 
@@ -170,13 +191,25 @@ class Search:
         x = self.begun.get(choice.name)
         return x if x is not None and x.size == start_of(self.subject, choice).size else None
 
-    def _near(self, rival: Cause | None, choice: Choice, x: np.ndarray, horizons: Sequence[float]) -> Fitted | None:
-        """Fitted over one share of the records after the other; None where it falls far behind a rival, which was not
-        even fitted to that share alone.
+    def fit_about(
+        self, parent: Fitted, choice: Choice, x: np.ndarray, shares: Sequence[float], ahead: float | None = None
+    ) -> Fitted:
+        """Over growing shares of the records, in as long steps as what the parent leaves bears; not seen through where
+        these are longer than its own.
+        """
+        rough = parent.longer is not None
+        made = fit(parent.longer or self.subject, choice, start=x, fractions=shares, ahead=ahead, coarse=rough)
+        return replace(made, subject=self.subject) if rough else made
+
+    def _near(
+        self, rival: Cause | None, parent: Fitted, choice: Choice, x: np.ndarray, horizons: Sequence[float]
+    ) -> Fitted | None:
+        """What joins a parent, fitted over one share of the records after the other; None where it falls far behind a
+        rival, which was not even fitted to that share alone.
         """
         made = None
         for share in horizons:
-            made = fit(self.subject, choice, start=x, fractions=(share,), ahead=self.least.get(share))
+            made = self.fit_about(parent, choice, x, (share,), self.least.get(share))
             x, self.least[share] = made.x, np.fmin(made.chi2, self.least.get(share, np.inf))
             if rival is not None and share < horizons[-1]:
                 key = (rival.names, rival.fitted.chi2, share)
@@ -195,7 +228,8 @@ class Search:
         plain, best = list(fits), min(fits, key=lambda f: f.chi2)
         for candidate in wider.get(best.choice.candidates[-1].name, ()):
             self._join(parent, about, candidate, fits, rival, best)
-        better = {f.choice.candidates[-1].kind for f in fits[len(plain) :] if best.chi2 - f.chi2 > WIDER}
+        fall = max(WIDER, COARSE * best.chi2) if best.in_longer_steps else WIDER
+        better = {f.choice.candidates[-1].kind for f in fits[len(plain) :] if best.chi2 - f.chi2 > fall}
         for simple in plain:
             for candidate in wider.get(simple.choice.candidates[-1].name, ()):
                 if simple is not best and candidate.kind in better:
@@ -230,8 +264,8 @@ class Search:
     def without(self, cause: Cause, member: Candidate) -> Cause:
         """What remains of a cause, begun where the cause ended."""
         choice = self.subject.choose(*(c for c in cause.candidates if c is not member))
-        fitted = fit(self.subject, choice, start=begun_from(cause.fitted, choice), fractions=self._horizons(cause))
-        return self.keep_likelier(fitted)
+        begin = begun_from(cause.fitted, choice)
+        return self.keep_likelier(self.fit_about(cause.fitted, choice, begin, self._horizons(cause)))
 
     def simpler(self, cause: Cause) -> list[Cause]:
         """A cause with a simpler form, at the same place, instead of a member that contains it."""
@@ -246,7 +280,7 @@ class Search:
             for simple in (c for c in free if member in wider.get(c.name, ())):
                 fits: list[Fitted] = []
                 self._join(rest, about, simple, fits, None)
-                for fitted in filter(in_order, fits):
+                for fitted in filter(in_order, map(self._finished, fits)):
                     self.keep(fitted)
                 names = tuple(sorted([*others, simple.name]))
                 made += [self.tried[names]] if names in self.tried else []
@@ -264,7 +298,7 @@ class Search:
                 simple = fit(self.subject, choice, start=begun_from(cause.fitted, choice), max_iterations=1)
                 fits: list[Fitted] = []
                 self._join(rest, about, wide, fits, None, simple)
-                made += [self.keep(fitted) for fitted in fits if in_order(fitted)]
+                made += [self.keep(fitted) for fitted in map(self._finished, fits) if in_order(fitted)]
         return made
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
@@ -292,7 +326,7 @@ class Search:
                 if values := tuned(self.screen(parent), candidate):
                     choice = self.subject.choose(*parent.candidates, candidate)
                     x = begun_from(parent.fitted, choice, values)
-                    fitted = self._near(rival, choice, x, self._horizons(rival))
+                    fitted = self._near(rival, parent.fitted, choice, x, self._horizons(rival))
                     if fitted is not None and np.isfinite(fitted.chi2):
                         made.append(self.keep(fitted))
         return made

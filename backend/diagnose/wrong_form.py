@@ -21,9 +21,10 @@ import numpy as np
 from jaxtyping import Float
 
 from backend.diagnose.adequacy import scaled
-from backend.diagnose.fitted import Fitted, Seer
+from backend.diagnose.fitted import Fitted
 from backend.diagnose.independent import independent_of
 from backend.diagnose.latent import SIZES, force_responses, forces
+from backend.diagnose.seer import Seer
 from backend.diagnose.unknown import laws_of
 
 ROUNDS = 60  # of τ at one s

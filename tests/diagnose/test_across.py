@@ -11,8 +11,9 @@ pytestmark = pytest.mark.timeout(600)
 
 
 def test_differences_are_the_exact_slopes_of_a_smooth_motion(drawing):
-    from backend.diagnose.fitted import Seer, start_of
+    from backend.diagnose.fitted import start_of
     from backend.diagnose.library import SMOOTH, library
+    from backend.diagnose.seer import Seer
     from backend.diagnose.subject import prepare
     from backend.effects.catalogue import catalogue
 
@@ -32,8 +33,9 @@ def test_differences_are_the_exact_slopes_of_a_smooth_motion(drawing):
 
 
 def test_a_motion_with_loose_pins_is_the_same_by_the_program_that_makes_no_slopes(drawing):
-    from backend.diagnose.fitted import Seer, start_of
+    from backend.diagnose.fitted import start_of
     from backend.diagnose.library import library
+    from backend.diagnose.seer import Seer
     from backend.diagnose.subject import prepare
     from backend.effects.catalogue import catalogue
 

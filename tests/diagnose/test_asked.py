@@ -144,7 +144,7 @@ def test_a_form_that_contains_a_member_is_asked_where_the_pair_ended(monkeypatch
     search.subject = SimpleNamespace(
         library=SimpleNamespace(candidates=(dry, falling, shake)), choose=lambda *members: [m.name for m in members]
     )
-    search.screen = search.keep = lambda one: one
+    search.screen = search.keep = search._finished = lambda one: one
     search._join = lambda rest, about, wide, fits, rival, simple: fits.append((rest, wide.name, simple))
     monkeypatch.setattr(which, "is_new", lambda candidate, rest: candidate is not shake)
     monkeypatch.setattr(which, "containing", lambda about, free: {dry.name: [falling]})

@@ -224,11 +224,12 @@ def test_a_pair_finds_one_that_does_the_same_with_no_member_of_its_own(drawing):
 def test_a_set_that_does_the_same_begins_where_it_does(drawing):
     """A turned camera for a base that leans: the bar starts that much higher."""
     from backend.diagnose.cause import begun_from
-    from backend.diagnose.fitted import Seer, fit
+    from backend.diagnose.fitted import fit
     from backend.diagnose.heard import heard
     from backend.diagnose.library import SMOOTH, library
     from backend.diagnose.same_motion import begun_alike
     from backend.diagnose.screen import beyond, library_slopes
+    from backend.diagnose.seer import Seer
     from backend.diagnose.subject import prepare
     from backend.diagnose.which import Search
 

@@ -16,7 +16,7 @@ from backend.diagnose.which import Search
 def test_a_set_far_behind_over_the_first_of_the_records_is_given_up(monkeypatch, best, behind):
     samples, fitted = 100, []
 
-    def fit(subject, choice, start, fractions, ahead):
+    def fit(subject, choice, start, fractions, ahead, coarse):
         fitted.append(fractions[0])
         left = behind * BEHIND * max(best, 1.0) * samples
         return SimpleNamespace(x=start, chi2=left, r=np.empty(samples))
@@ -25,12 +25,13 @@ def test_a_set_far_behind_over_the_first_of_the_records_is_given_up(monkeypatch,
     monkeypatch.setattr(module, "mean_square", lambda rival, share: best)
     search: Any = object.__new__(Search)
     search.subject, search.least, search.parts = None, {}, {}
+    parent: Any = SimpleNamespace(longer=None)
     rival: Any = SimpleNamespace(names=("a",), fitted=SimpleNamespace(chi2=1.0))
-    made = search._near(rival, None, np.zeros(2), (0.35, 1.0))
+    made = search._near(rival, parent, None, np.zeros(2), (0.35, 1.0))
     assert (made is None) == (behind > 1.0)
     assert fitted == ([0.35] if made is None else [0.35, 1.0])
     fitted.clear()
-    assert search._near(None, None, np.zeros(2), (0.35, 1.0)) is not None
+    assert search._near(None, parent, None, np.zeros(2), (0.35, 1.0)) is not None
     assert fitted == [0.35, 1.0]
 
 

@@ -53,7 +53,7 @@ def test_slopes_about_a_motion_in_fine_steps_are_taken_in_coarse_ones(drawing):
     from backend.diagnose.latent import forces
     from backend.diagnose.library import SMOOTH, library
     from backend.diagnose.screen import library_slopes
-    from backend.diagnose.subject import prepare
+    from backend.diagnose.subject import SAME, prepare
     from backend.diagnose.which import Search
 
     told = study(drawing, 1, torque=braked, frames=24)
@@ -64,7 +64,8 @@ def test_slopes_about_a_motion_in_fine_steps_are_taken_in_coarse_ones(drawing):
         fitted = Search(subject, lambda words: None, lambda: False).baseline().fitted
         assert [p.step_s for p in fitted.rough] == pytest.approx([coarse * COARSE_S / 4] * 2)
         finer = finer_responses(subject, fitted, ["j1"])
-        found.append((library_slopes(fitted), np.concatenate(forces(subject, fitted)), *finer.values()))
+        pushes = np.concatenate(forces(subject, fitted))
+        found.append((library_slopes(fitted, SAME), pushes, *finer.values()))
     assert not np.array_equal(found[0][0], found[1][0])
     for fine, rough in zip(*found, strict=True):
         assert np.linalg.norm(fine - rough) < 0.01 * np.linalg.norm(fine)

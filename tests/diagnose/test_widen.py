@@ -26,7 +26,7 @@ def wide(kind: str, joint: str) -> Any:
 
 
 def end(candidate: Any, chi2: float) -> Any:
-    return SimpleNamespace(chi2=chi2, choice=SimpleNamespace(candidates=(candidate,)))
+    return SimpleNamespace(chi2=chi2, choice=SimpleNamespace(candidates=(candidate,)), in_longer_steps=False)
 
 
 class Looking(Search):
@@ -64,7 +64,7 @@ def test_a_form_is_not_tried_beside_a_simpler_one_at_its_place(monkeypatch):
     search.subject = SimpleNamespace(library=SimpleNamespace(candidates=[dry, worn, elsewhere_]))
     monkeypatch.setattr(search, "screen", lambda cause: SimpleNamespace(early=None, gain=lambda candidate: 1.0))
     monkeypatch.setattr(search, "promising", lambda about, plain, refits: plain)
-    monkeypatch.setattr(search, "_stretch", lambda fits: [])
+    monkeypatch.setattr(search, "_leading", lambda joined: [])
     monkeypatch.setattr(which, "is_new", lambda candidate, cause: candidate.name not in cause.names)
     forms = {dry.name: [worn]}
     monkeypatch.setattr(which, "containing", lambda about, free: forms if worn in free else {})
