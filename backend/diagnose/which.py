@@ -126,9 +126,14 @@ class Search:
         return sorted(made, key=lambda c: -c.log_z)
 
     def _leading(self, joined: Sequence[list[Fitted]]) -> list[list[Fitted]]:
-        """Fits of a level, those seen through that leave little and the likeliest."""
+        """Fits of a level, those seen through that leave little, and the likeliest: another where that falls behind,
+        a few times at most, for sets that all miss as widely hardly differ.
+        """
         made = [[self._finished(f) if f.chi2 < LARGE * f.r.size else f for f in fits] for fits in joined]
-        while every := [(Cause(f, log_evidence(f)), fits, i) for fits in made for i, f in enumerate(fits)]:
+        for _ in range(LEADERS):
+            every = [(Cause(f, log_evidence(f)), fits, i) for fits in made for i, f in enumerate(fits)]
+            if not every or self.cancelled():
+                break
             top, fits, i = max(every, key=lambda e: (e[0].fitted.fraction, e[0].log_z + e[0].log_odds))
             if not top.fitted.in_longer_steps:
                 break
@@ -337,7 +342,7 @@ class Search:
         """
         choice = self.subject.choose(*members)
         self.tell(f"trying {choice.name} as well")
-        fitted = fit(self.subject, choice, start=begun_from(cause.fitted, choice, values))
+        fitted = self.fit_about(cause.fitted, choice, begun_from(cause.fitted, choice, values), (1.0,))
         if not np.isfinite(fitted.chi2):
             return None
         return self.keep_likelier(fitted)

@@ -86,7 +86,7 @@ def test_of_a_level_the_likeliest_are_finished_until_one_in_its_own_steps_leads(
 
     monkeypatch.setattr(which, "log_evidence", lambda fitted: fitted.log_z)
     search: Any = object.__new__(Search)
-    search._finished = finish
+    search._finished, search.cancelled = finish, lambda: False
     made = search._leading([[end(-30.0), end(-10.0)], [end(-20.0), end(-500.0, chi2=200.0)]])
     assert finished == [-500.0, -10.0, -20.0]  # it leaves little; it leads; and then it does
     assert [[f.log_z for f in fits] for fits in made] == [[-30.0, -25.0], [-35.0, -515.0]]
