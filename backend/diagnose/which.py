@@ -141,10 +141,12 @@ class Search:
         return made
 
     def _finished(self, fitted: Fitted) -> Fitted:
-        """A fit in the subject's own steps, begun where one in longer steps ended."""
+        """A fit in the subject's own steps, begun where one in longer steps ended, unless these lose the motion."""
         if not fitted.in_longer_steps:
             return fitted
-        return fit(self.subject, fitted.choice, start=fitted.x, fractions=(fitted.fraction,))
+        self.tell(f"seeing {fitted.choice.name} through")
+        made = fit(self.subject, fitted.choice, start=fitted.x, fractions=(fitted.fraction,))
+        return made if np.isfinite(made.chi2) else fitted
 
     def seen_through(self, cause: Cause) -> Cause:
         """A cause in the subject's own steps."""
@@ -269,8 +271,8 @@ class Search:
     def without(self, cause: Cause, member: Candidate) -> Cause:
         """What remains of a cause, begun where the cause ended."""
         choice = self.subject.choose(*(c for c in cause.candidates if c is not member))
-        begin = begun_from(cause.fitted, choice)
-        return self.keep_likelier(self.fit_about(cause.fitted, choice, begin, self._horizons(cause)))
+        fitted = self.fit_about(cause.fitted, choice, begun_from(cause.fitted, choice), self._horizons(cause))
+        return self.keep_likelier(fitted)
 
     def simpler(self, cause: Cause) -> list[Cause]:
         """A cause with a simpler form, at the same place, instead of a member that contains it."""
