@@ -309,15 +309,22 @@ class Search:
         return made
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
-        """The same sets over longer records, as far as the best of them follows."""
+        """The same sets over longer records, as far as the best of them follows, but for those far behind it."""
         while fits and fits[0].fraction < 1.0:
             longer = FRACTIONS[FRACTIONS.index(fits[0].fraction) + 1]
-            grown = [fit(self.subject, f.choice, start=f.x, fractions=(longer,), max_iterations=8) for f in fits]
-            grown = [f for f in grown if np.isfinite(f.chi2)]
+            grown: list[Fitted] = []
+            for f in sorted(fits, key=lambda f: f.chi2):
+                ahead = min((g.chi2 for g in grown), default=None)
+                made = fit(
+                    self.subject, f.choice, start=f.x, fractions=(longer,), max_iterations=8, ahead=ahead,
+                    coarse=longer < 1.0,
+                )  # fmt: skip
+                grown += [made] if np.isfinite(made.chi2) else []
             if not grown or not min(f.miss for f in grown) < REACH:
                 break
-            best = min(f.miss for f in grown)
-            fits = [f for f in grown if f.miss < max(REACH, BEHIND * best)]
+            farthest = max(REACH, BEHIND * min(f.miss for f in grown))
+            most = BEHIND * max(min(f.chi2 / f.r.size for f in grown), 1.0) if longer < 1.0 else np.inf
+            fits = [f for f in grown if f.miss < farthest and f.chi2 < most * f.r.size]
         return fits
 
     def tuning(self, parent: Cause, rival: Cause) -> list[Cause]:
