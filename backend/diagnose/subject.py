@@ -118,7 +118,7 @@ class Subject:
     coarse: int = 1
     kept: Kept = field(default_factory=Kept)
     slopes: dict[str, list[tuple[np.ndarray, Any]]] = field(default_factory=dict)
-    longer: dict[int, list[Probe]] = field(default_factory=dict)
+    lengthened: dict[int, list[Probe]] = field(default_factory=dict)
 
     @cached_property
     def neutral(self) -> np.ndarray:
@@ -134,14 +134,14 @@ class Subject:
 
     def in_longer_steps(self, times: int) -> list[Probe]:
         """Experiments to learn from, each step so many of these."""
-        if times not in self.longer:
-            self.longer[times] = [p.in_steps(times * self.step_s) for p in self.fit]
-        return self.longer[times]
+        if times not in self.lengthened:
+            self.lengthened[times] = [p.in_steps(times * self.step_s) for p in self.fit]
+        return self.lengthened[times]
 
     def put_right(self, times: int, errors: Sequence[Float[np.ndarray, " samples"]]) -> Subject:
         """The same subject to learn from in steps so many times as long, with these errors of them put back."""
         fit = [p.put_right(e) for p, e in zip(self.in_longer_steps(times), errors, strict=True)]
-        return replace(self, fit=fit, step_s=times * self.step_s, coarse=1, slopes={}, longer={})
+        return replace(self, fit=fit, step_s=times * self.step_s, coarse=1, slopes={}, lengthened={})
 
     def size_of(self, joint: str) -> float:
         """What counts as one of a joint's coordinate: 1 rad, or a mechanism length [m]."""

@@ -309,23 +309,28 @@ class Search:
         return made
 
     def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
-        """The same sets over longer records, as far as the best of them follows, but for those far behind it."""
+        """The same sets over longer records, as far as the best of them follows, but for those far behind it; seen
+        through where they end.
+        """
+        coarse = False
         while fits and fits[0].fraction < 1.0:
             longer = FRACTIONS[FRACTIONS.index(fits[0].fraction) + 1]
-            grown: list[Fitted] = []
-            for f in sorted(fits, key=lambda f: f.chi2):
-                ahead = min((g.chi2 for g in grown), default=None)
-                made = fit(
-                    self.subject, f.choice, start=f.x, fractions=(longer,), max_iterations=8, ahead=ahead,
-                    coarse=longer < 1.0,
-                )  # fmt: skip
-                grown += [made] if np.isfinite(made.chi2) else []
+            grown = self._grown(fits, longer, longer < 1.0)
             if not grown or not min(f.miss for f in grown) < REACH:
-                break
-            farthest = max(REACH, BEHIND * min(f.miss for f in grown))
-            most = BEHIND * max(min(f.chi2 / f.r.size for f in grown), 1.0) if longer < 1.0 else np.inf
+                return self._grown(fits, fits[0].fraction, False) if coarse else fits
+            coarse, farthest = longer < 1.0, max(REACH, BEHIND * min(f.miss for f in grown))
+            most = BEHIND * max(min(f.chi2 / f.r.size for f in grown), 1.0) if coarse else np.inf
             fits = [f for f in grown if f.miss < farthest and f.chi2 < most * f.r.size]
         return fits
+
+    def _grown(self, fits: Sequence[Fitted], share: float, coarse: bool) -> list[Fitted]:
+        """The same sets over this share of the records, the likeliest first; without those whose motion is lost."""
+        made: list[Fitted] = []
+        for f in sorted(fits, key=lambda f: f.chi2):
+            ahead, begin = min((m.chi2 for m in made), default=None), {"start": f.x, "fractions": (share,)}
+            one = fit(self.subject, f.choice, **begin, max_iterations=8, ahead=ahead, coarse=coarse)
+            made += [one] if np.isfinite(one.chi2) else []
+        return made
 
     def tuning(self, parent: Cause, rival: Cause) -> list[Cause]:
         """A parent with a candidate more whose numbers no slope leads to: the best of some values, then fitted.

@@ -59,15 +59,17 @@ def test_sets_of_a_climb_must_come_near_the_best_so_far(monkeypatch):
     assert asked == [([top, second], top)]
 
 
-def test_a_set_that_falls_far_behind_on_its_way_is_not_followed_to_the_end(monkeypatch):
-    """Over the first half one leaves noise, one less than four times that, one more; over the whole all they like."""
+@pytest.mark.parametrize("followed", [True, False])
+def test_a_set_that_falls_far_behind_on_its_way_is_not_followed_to_the_end(monkeypatch, followed):
+    """Over the first half one leaves noise, one less than four times that, one more; over the whole all they like.
+    Where no set follows the whole, those of the half are seen through.
+    """
     samples, asked = 100, []
-    left = {("good", 0.5): 1.0, ("near", 0.5): 0.9 * BEHIND, ("far", 0.5): 1.1 * BEHIND}
-    left |= {("good", 1.0): 1.0, ("near", 1.0): 9.0 * BEHIND}
+    left = {("near", 0.5): 0.9 * BEHIND, ("far", 0.5): 1.1 * BEHIND, ("near", 1.0): 9.0 * BEHIND}
 
     def end(choice: str, share: float) -> Any:
-        chi2 = left.get((choice, share), 1.0) * samples
-        return SimpleNamespace(choice=choice, x=None, fraction=share, chi2=chi2, r=np.empty(samples), miss=0.0)
+        chi2, miss = left.get((choice, share), 1.0) * samples, 0.0 if followed or share < 1.0 else module.REACH
+        return SimpleNamespace(choice=choice, x=None, fraction=share, chi2=chi2, r=np.empty(samples), miss=miss)
 
     def fit(subject, choice, start, fractions, max_iterations, ahead, coarse):
         asked.append((choice, *fractions, coarse))
@@ -77,11 +79,8 @@ def test_a_set_that_falls_far_behind_on_its_way_is_not_followed_to_the_end(monke
     search: Any = object.__new__(Search)
     search.subject = None
     made = search._stretch([end(choice, 0.25) for choice in ("good", "near", "far")])
-    assert [(f.choice, f.fraction) for f in made] == [("good", 1.0), ("near", 1.0)]
-    assert asked == [
-        ("good", 0.5, True),
-        ("near", 0.5, True),
-        ("far", 0.5, True),
-        ("good", 1.0, False),
-        ("near", 1.0, False),
-    ]
+    share = 1.0 if followed else 0.5
+    assert [(f.choice, f.fraction) for f in made] == [("good", share), ("near", share)]
+    half = [("good", 0.5, True), ("near", 0.5, True), ("far", 0.5, True)]
+    whole = [("good", 1.0, False), ("near", 1.0, False)]
+    assert asked == half + whole + ([] if followed else [("good", 0.5, False), ("near", 0.5, False)])
