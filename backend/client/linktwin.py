@@ -166,12 +166,13 @@ class Linktwin:
         *,
         tolerance_mm: float | None = None,
         without: Sequence[str] = (),
+        minutes: float | None = None,
         repeat_key: str | None = None,
     ) -> JobAnswer:
         """Say why the real one differs: `linktwin diagnose`."""
         return self.start(
-            {"kind": "diagnose", "study": _id(study), "tolerance_mm": tolerance_mm, "without": list(without)},
-            repeat_key,
+            {"kind": "diagnose", "study": _id(study), "tolerance_mm": tolerance_mm, "without": list(without),
+             "minutes": minutes}, repeat_key,
         )  # fmt: skip
 
     def track(

@@ -8,9 +8,23 @@ from typing import Annotated
 import typer
 
 from backend.commands.remote import Key, Server, done_there
-from backend.commands.terminal import AsJson, Failed, Out, StudyFile, answering, folder_for, progress, stoppable
+from backend.commands.terminal import (
+    AsJson,
+    Failed,
+    Limited,
+    Out,
+    StudyFile,
+    answering,
+    folder_for,
+    progress,
+    stoppable,
+)
 
 ENDED = "The search was ended early: an explanation that was not tried may fit better. --resume goes on from there."
+LATE = (
+    "The search was ended after {:g} minutes: an explanation that was not tried may fit better. "
+    "--resume goes on from there, as long again; --minutes 0 sets no end."
+)
 
 
 def diagnose(
@@ -22,6 +36,9 @@ def diagnose(
     without: Annotated[
         list[str] | None, typer.Option(metavar="KIND", help="Leave this effect out of the library; repeatable.")
     ] = None,
+    minutes: Annotated[
+        float, typer.Option(metavar="M", min=0.0, help="End the search after so long, weigh what it found; 0: never.")
+    ] = 30.0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the search that was cut off in --out.")] = False,
     server: Server = None,
     key: Key = None,
@@ -30,8 +47,8 @@ def diagnose(
 ) -> None:
     """Say why the real one differs: is there a gap, where, which effect, how far does it shrink: gap.json and a page.
 
-    Ctrl-C ends the search early; the explanations found by then are weighed and written. That, or a search that was
-    killed, goes on with --resume.
+    Ctrl-C ends the search early, as its time does; the explanations found by then are weighed and written. That, or a
+    search that was killed, goes on with --resume.
     """
     kinds = [kind.strip() for given in without or [] for kind in given.split(",") if kind.strip()]
     with answering(as_json) as answer:
@@ -49,7 +66,8 @@ def diagnose(
         if server is not None:
             done = done_there(
                 server, key, study, out,
-                lambda there, id: there.diagnose(id, tolerance_mm=tolerance_mm, without=kinds), resume=resume,
+                lambda there, id: there.diagnose(id, tolerance_mm=tolerance_mm, without=kinds, minutes=minutes),
+                resume=resume,
             )  # fmt: skip
             done.tell(answer, lambda report: gap_text(parse(GapReport, report, server)), "gap.html")
             return
@@ -61,11 +79,13 @@ def diagnose(
 
             kept = Kept.of(folder / FILE, loaded, frozenset(kinds), resume=resume)
             tolerance_m = None if tolerance_mm is None else 1e-3 * tolerance_mm
+            search = Limited(minutes, advance, stopped)
             found = diagnose_study(
-                loaded, tolerance_m=tolerance_m, without=frozenset(kinds), progress=advance, cancelled=stopped,
+                loaded, tolerance_m=tolerance_m, without=frozenset(kinds), progress=search.tell, cancelled=search,
                 kept=kept,
             )  # fmt: skip
-        warnings = [*([ENDED] if stopped() else []), *study_findings(loaded), *found.report.warnings]
+        ended = [ENDED] if stopped() else [LATE.format(minutes)] if search.late else []
+        warnings = [*ended, *study_findings(loaded), *found.report.warnings]
         found = replace(found, report=found.report.model_copy(update={"warnings": warnings}))
         written = folder / "gap.json"
         written.write_text(found.report.model_dump_json(indent=1) + "\n", encoding="utf-8")
@@ -76,4 +96,5 @@ def diagnose(
         answer(found.report.model_dump(mode="json"), text)
         if stopped():
             raise Failed(ENDED)
-        kept.remove()
+        if not search.late:
+            kept.remove()

@@ -157,6 +157,26 @@ def stoppable() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, before)
 
 
+class Limited:
+    """Work that ends at its next halt after Ctrl-C, or once its minutes are over (0: never)."""
+
+    def __init__(self, minutes: float, advance: Advance, stopped: Callable[[], bool]):
+        self.began, self.most_s = time.monotonic(), 60.0 * minutes if minutes > 0.0 else math.inf
+        self.advance, self.stopped, self.late = advance, stopped, False
+
+    def __call__(self) -> bool:
+        """Whether to end now."""
+        self.late = self.late or self._share() >= 1.0
+        return self.late or self.stopped()
+
+    def tell(self, part: float, words: str = "") -> None:
+        """Progress, of the work or of its time, whichever is nearer to its end."""
+        self.advance(max(part, min(self._share(), 1.0)), words)
+
+    def _share(self) -> float:
+        return (time.monotonic() - self.began) / self.most_s
+
+
 def counting(advance: Advance) -> Callable[[int, int], None]:
     """The same progress, told as so many of so many."""
     return lambda done, total: advance(done / max(total, 1))

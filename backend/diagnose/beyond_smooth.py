@@ -86,7 +86,7 @@ class AbstractBeyondSmooth(AbstractStandards):
             if self._settled(best, last):
                 break
             besides = self._besides(best, None if found else alone, found, made)
-            if refused and family in STOPS:
+            if refused and family in STOPS and not self._cancelled():
                 besides += self._borne_out(besides)
             for beside in besides:
                 for cause in switching(search, self.baseline, family, motion, best, beside)[:1]:

@@ -154,10 +154,12 @@ class Climb(AbstractBeyondSmooth):
         """
         size = len(best.candidates)
         for _ in range(size if size <= SURE else 1):
+            if self._cancelled():
+                break
             self.search.exchange(best)
             top = self._most_probable(best, WORTH)
             # A likelier set of another model has no members that could be exchanged in this one.
-            if top is best or top.fitted.subject is not self.search.subject or self._cancelled():
+            if top is best or top.fitted.subject is not self.search.subject:
                 break
             best, found = self._judged(top)
             self._tell(f"{' + '.join(best.names)} instead leaves {found.excess:.3g} of the noise's power")
@@ -167,8 +169,17 @@ class Climb(AbstractBeyondSmooth):
 
     def _most_probable(self, best: Cause, worth: float, size: int = 0) -> Cause:
         """Of all sets tried that are no larger than it or than `size`, by as much of the likelihood as the closest fit
-        bears; others must be worth it.
+        bears; others must be worth it, seen through in the study's own steps.
         """
+        top = self._likeliest(best, worth, size)
+        for _ in range(LEADERS):
+            if not top.fitted.in_longer_steps:
+                break
+            self.search.tried[top.names] = self.searches[id(top.fitted.subject)].seen_through(top)
+            top = self._likeliest(best, worth, size)
+        return top
+
+    def _likeliest(self, best: Cause, worth: float, size: int) -> Cause:
         most = max(len(best.candidates), size)
         sets = [
             c for c in self.search.tried.values()

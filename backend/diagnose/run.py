@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from backend.diagnose.adequacy import adequacy
+from backend.diagnose.belief import ODDS
 from backend.diagnose.cause import Cause
 from backend.diagnose.climb import Climb
 from backend.diagnose.closer import closer, coming_up
@@ -31,6 +32,7 @@ from backend.mechanism.study import Study, driven_effects
 from backend.model.build import build
 
 UNUSUAL = 0.05  # p below which causes are weighed against nothing amiss: how often one may be named where nothing is
+HINT = 2.0 * ODDS  # noise variances: where no test finds a gap, causes that gain less do not stand beside none
 STEP_ERROR = 1.0  # sum of squared sigmas that the error of the step may be wrong by: a cause that is named gains nine
 ROUGH = 25.0  # the same of an error of no order, little of which is like any cause
 FINER = 2  # times the step is halved for it
@@ -103,6 +105,7 @@ class _Inquiry:
                 self.study, self.tolerance_m, self.search, drawn, scale, self.rng, self.tell, self.began
             )
             if drawn.p > UNUSUAL and drawn.whole:
+                self.search.level([baseline], REFITS, least=HINT * scale**2)
                 return judgement.nothing()
             singles = self.shaped(self.search.level([baseline], REFITS))
             if (again := self.step_about_cause(baseline, singles)) is None:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, begun_from, in_order
-from backend.diagnose.fitted import Fitted, fit
+from backend.diagnose.fitted import Fitted
 from backend.diagnose.library import strikes
 from backend.diagnose.screen import Screen, beyond
 from backend.diagnose.subject import Choice
@@ -51,7 +51,7 @@ def complete(search: Search, cause: Cause, scale: float) -> list[Cause]:
     for _, choice, x in sorted(found, key=lambda f: -f[0])[:most]:
         if not search.cancelled():
             search.tell(f"trying {choice.name} as well")
-            made.append(fit(search.subject, choice, start=x))
+            made.append(search.fit_about(cause.fitted, choice, x, (1.0,)))
     return [search.keep_likelier(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
 
 
@@ -116,7 +116,8 @@ def elsewhere(search: Search, cause: Cause) -> list[Cause]:
             if (values := of_its_shape(cause.fitted, about, member, other)) and not search.cancelled():
                 search.tell(f"trying {' + '.join(names)} as well")
                 choice = search.subject.choose(*rest, other)
-                made.append(fit(search.subject, choice, start=begun_from(cause.fitted, choice, values)))
+                begin = begun_from(cause.fitted, choice, values)
+                made.append(search.fit_about(cause.fitted, choice, begin, (1.0,)))
     return [search.keep(f) for f in made if np.isfinite(f.chi2) and in_order(f)]
 
 

@@ -78,8 +78,8 @@ def make_report(
         )
         for i, (c, q) in enumerate(zip(listed, shown, strict=True))
     ]  # fmt: skip
-    if not causes:
-        none, unknown = (1.0, 0.0) if verdict == "none" else (0.0, 1.0)
+    if not causes and verdict != "none":
+        none, unknown = 0.0, 1.0
     weighed = Belief(tuple(listed), shown, belief.log_z[: len(listed)], none, unknown)
     places = locations(weighed, model_free)
     unit = gap_unit(subject.fit if shrunk is None else subject.held_out)

@@ -100,12 +100,18 @@ class Search:
         return best or whole
 
     def level(
-        self, parents: Sequence[Cause], refits: int, rival: Cause | None = None, place: str | None = None
+        self,
+        parents: Sequence[Cause],
+        refits: int,
+        rival: Cause | None = None,
+        place: str | None = None,
+        least: float = LEAST,
     ) -> list[Cause]:
         """Each parent with one more candidate: the most promising, refitted over what any of them can follow. A form
         that contains a simpler one is tried where the simpler came out best. rival: a set that they must come near on
         their way to whole records. place: where what the first parent leaves is known to lie; all that acts there is
-        tried beside it, because first order may rank low what is not linear in two of its numbers.
+        tried beside it, because first order may rank low what is not linear in two of its numbers. least: what a
+        candidate must gain to first order.
         """
         joined: list[list[Fitted]] = []
         for i, parent in enumerate(parents):
@@ -118,7 +124,7 @@ class Search:
             plain = [c for c in free if all(c not in forms for forms in wider.values())]
             fits: list[Fitted] = []
             there = [c for c in plain if c.places == (place,) and about.gain(c) > 0.0] if i == 0 else []
-            for candidate in dict.fromkeys([*self.promising(about, plain, refits), *there]):
+            for candidate in dict.fromkeys([*self.promising(about, plain, refits, least), *there]):
                 self._join(parent, about.early or about, candidate, fits, rival)
             self._widen(parent, about.early or about, wider, fits, rival)
             joined.append(fits)
@@ -156,11 +162,13 @@ class Search:
         """Whether one of a parent's members is a form of the candidate, or the other way: both would do one thing."""
         return any({(candidate.name, m), (m, candidate.name)} & self.forms for m in parent.names)
 
-    def promising(self, about: Screen, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+    def promising(
+        self, about: Screen, candidates: Sequence[Candidate], most: int, least: float = LEAST
+    ) -> list[Candidate]:
         """Those that gain most to first order; of a large misfit half as many by its beginning, too."""
-        found = [c for c, gain in about.ranking(candidates)[:most] if gain > LEAST]
+        found = [c for c, gain in about.ranking(candidates)[:most] if gain > least]
         if about.early is not None:
-            found += [c for c, gain in about.early.ranking(candidates)[: most // 2] if gain > LEAST and c not in found]
+            found += [c for c, gain in about.early.ranking(candidates)[: most // 2] if gain > least and c not in found]
         return found
 
     def _join(

@@ -2,9 +2,12 @@
 
 import json
 import pickle
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -54,23 +57,62 @@ class Told:
     report: GapReport
 
 
-def test_a_diagnosis_says_what_stands_out_in_its_study(tmp_path, monkeypatch):
+@pytest.fixture
+def drawn_heavy(tmp_path) -> Path:
+    """A study whose gravity is a thousand times too large."""
     heavy = document(pendulum()) | {"gravity_m_per_s2": [0.0, -9806.65, 0.0]}
     (tmp_path / "mechanism.json").write_text(json.dumps(heavy))
     (tmp_path / "q.csv").write_text("time_s,joint,q\n" + "".join(f"{t / 100},pin,0.1\n" for t in range(50)))
     shot = {"id": "e1", "joint_positions": "q.csv", "release": {"time_s": 0.2}}
     study = tmp_path / "study.json"
     study.write_text(json.dumps({"schema_version": "1.0", "mechanism": "mechanism.json", "experiments": [shot]}))
+    return study
 
-    found = Told(parse(GapReport, {"schema_version": "1.0", **never(study, frozenset())}, "gap.json"))
-    monkeypatch.setattr("backend.diagnose.run.diagnose_study", lambda *study, **options: found)
+
+@pytest.fixture
+def searching(monkeypatch, drawn_heavy) -> list[Callable[..., None]]:
+    """What a diagnosis does before it finds nothing, told its options; no picture is drawn."""
+    asked: list[Callable[..., None]] = []
+
+    def diagnosed(study, **options):
+        for work in asked:
+            work(**options)
+        return Told(parse(GapReport, {"schema_version": "1.0", **never(drawn_heavy, frozenset())}, "gap.json"))
+
+    monkeypatch.setattr("backend.diagnose.run.diagnose_study", diagnosed)
     for name in ("gap_summary.gap_evidence", "linked.gap_pictures", "pictures.write_pictures"):
         monkeypatch.setattr(f"backend.report.{name}", lambda *told: None)
     monkeypatch.setattr("backend.report.gap_page.write_gap_page", lambda evidence, path: path)
-    done = linktwin("diagnose", study, "--out", tmp_path / "out", "--json")
+    return asked
+
+
+def test_a_diagnosis_says_what_stands_out_in_its_study(tmp_path, drawn_heavy, searching):
+    done = linktwin("diagnose", drawn_heavy, "--out", tmp_path / "out", "--json")
     assert done.exit_code == 0, done.output
     (said,) = json.loads((tmp_path / "out" / "gap.json").read_text())["warnings"]
     assert "gravity_m_per_s2 is 9807 m/s²" in said
+
+
+@pytest.mark.parametrize(("minutes", "ends"), [("0.0005", True), ("0", False)])
+def test_a_search_whose_time_is_up_is_answered_with_what_it_found_and_can_go_on(
+    tmp_path, drawn_heavy, searching, minutes, ends
+):
+    found = []
+
+    def search(cancelled, progress, kept, **options):
+        kept.note("a fit", np.zeros(2), "converged")
+        until = time.monotonic() + 0.1
+        while time.monotonic() < until and not cancelled():
+            progress(0.1, "trying")
+        found.append(cancelled())
+
+    searching.append(search)
+    done = linktwin("diagnose", drawn_heavy, "--minutes", minutes, "--out", tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.output
+    assert found == [ends]
+    said = json.loads((tmp_path / "out" / "gap.json").read_text())["warnings"]
+    assert any("ended after 0.0005 minutes" in words and "--resume" in words for words in said) == ends
+    assert (tmp_path / "out" / "diagnosis.kept.jsonl").exists() == ends
 
 
 def test_whoever_diagnoses_many_can_be_sent_to_other_processes():

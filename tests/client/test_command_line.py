@@ -102,14 +102,16 @@ def test_a_simulation_done_there_leaves_what_one_done_here_does(served, tmp_path
 
 
 def test_a_diagnosis_done_there_tells_the_verdict_and_where_it_is_kept(served, tmp_path):
-    done = run(served, "diagnose", STUDY, "--tolerance", "1", "--without", "air_drag", "--out", tmp_path)
+    asked = ("--tolerance", "1", "--without", "air_drag", "--minutes", "20")
+    done = run(served, "diagnose", STUDY, *asked, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     verdict = json.loads((tmp_path / "gap.json").read_text())["verdict"]
     assert done.stdout.startswith(f"{verdict.upper()}: ")
     assert f"open      {tmp_path / 'gap.html'}" in done.stdout
     (job,) = served[0].client.get("/api/v1/jobs?limit=1").json()["items"]
     assert f"kept      {served[0].client.base_url}/ui/jobs/{job['id']}" in done.stdout
-    assert (job["request"]["tolerance_mm"], job["request"]["without"]) == (1.0, ["air_drag"])
+    request = job["request"]
+    assert (request["tolerance_mm"], request["without"], request["minutes"]) == (1.0, ["air_drag"], 20.0)
     assert {path.name for path in tmp_path.iterdir()} == {"gap.json", "gap.html"}
 
 

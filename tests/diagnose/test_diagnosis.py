@@ -266,6 +266,19 @@ def test_a_drawing_that_is_right_has_no_gap(drawing):
     assert smallest["coulomb_friction"] < RUB  # it would have been seen
 
 
+def test_what_is_too_faint_for_any_test_is_listed_beside_none_for_what_it_is_worth(drawing):
+    from backend.diagnose.run import diagnose_study
+
+    found = diagnose_study(study(drawing, 1, places=lambda p: 1.0004 * p)).report
+    assert found.verdict == "none"
+    assert found.p_value > 0.05
+    assert found.probability_none > 0.5
+    (true,) = (c for c in found.causes if c.effects[0].kind == "camera_scale")
+    assert true.probability > 0.02
+    total = sum(c.probability for c in found.causes) + found.probability_none + found.probability_unknown
+    assert total == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_wild_samples_at_the_end_of_one_record_whose_noise_remembers_are_no_gap(drawing, seed):
     from backend.diagnose.adequacy import adequacy

@@ -51,7 +51,8 @@ def _fit(service: Service, request: dict[str, Any], inputs: Path, resume: bool) 
 
 def _diagnose(service: Service, request: dict[str, Any], inputs: Path, resume: bool) -> list[str]:
     study = _bring(service, request["study"], inputs / "study") / STUDY
-    options = _options(request, tolerance_mm="tolerance") + [f"--without={kind}" for kind in request["without"]]
+    options = _options(request, tolerance_mm="tolerance", minutes="minutes")
+    options += [f"--without={kind}" for kind in request["without"]]
     return ["diagnose", str(study), *options, *_flags(resume=resume)]
 
 

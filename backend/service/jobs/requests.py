@@ -126,6 +126,7 @@ class DiagnoseRequest(Request):
     kind: Literal["diagnose"]
     study: Annotated[UUID, Field(description="Id of a stored study.")]
     tolerance_mm: Annotated[float, Field(ge=0.0)] | None = None
+    minutes: Annotated[float, Field(ge=0.0, description="After which the search ends; 0: never.")] | None = None
     without: Annotated[list[Line], Field(max_length=100)] = []
 
 
