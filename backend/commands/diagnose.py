@@ -38,7 +38,7 @@ def diagnose(
     ] = None,
     minutes: Annotated[
         float, typer.Option(metavar="M", min=0.0, help="End the search after so long, weigh what it found; 0: never.")
-    ] = 30.0,
+    ] = 40.0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the search that was cut off in --out.")] = False,
     server: Server = None,
     key: Key = None,

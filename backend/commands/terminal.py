@@ -20,6 +20,7 @@ import typer
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 UNHEARD = 141  # how shells tell of a program whose reader went away: 128 and the number of SIGPIPE
 LINE_EVERY_S = 30.0
+SEARCHING = 0.9  # of work whose search is limited: the rest is weighing
 
 Out = Annotated[Path | None, typer.Option(help="Folder for what the command writes.", file_okay=False)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the report alone, as JSON.")]
@@ -171,7 +172,7 @@ class Limited:
 
     def tell(self, part: float, words: str = "") -> None:
         """Progress, of the work or of its time, whichever is nearer to its end."""
-        self.advance(max(part, min(self._share(), 1.0)), words)
+        self.advance(max(part, SEARCHING * min(self._share(), 1.0)), words)
 
     def _share(self) -> float:
         return (time.monotonic() - self.began) / self.most_s

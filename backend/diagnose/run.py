@@ -10,12 +10,12 @@ import jax
 import numpy as np
 
 from backend.diagnose.adequacy import adequacy
-from backend.diagnose.belief import ODDS
+from backend.diagnose.belief import NONE, ODDS, log_prior
 from backend.diagnose.cause import Cause
 from backend.diagnose.climb import Climb
 from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.diagnosis import Diagnosis, Drawn
-from backend.diagnose.fitted import mean_square
+from backend.diagnose.fitted import SHARES, mean_square
 from backend.diagnose.heard import heard
 from backend.diagnose.judgement import CLEAR, MOST_OF_IT, Judgement, held_out
 from backend.diagnose.kept import Kept
@@ -32,7 +32,6 @@ from backend.mechanism.study import Study, driven_effects
 from backend.model.build import build
 
 UNUSUAL = 0.05  # p below which causes are weighed against nothing amiss: how often one may be named where nothing is
-HINT = 2.0 * ODDS  # noise variances: where no test finds a gap, causes that gain less do not stand beside none
 STEP_ERROR = 1.0  # sum of squared sigmas that the error of the step may be wrong by: a cause that is named gains nine
 ROUGH = 25.0  # the same of an error of no order, little of which is like any cause
 FINER = 2  # times the step is halved for it
@@ -105,7 +104,7 @@ class _Inquiry:
                 self.study, self.tolerance_m, self.search, drawn, scale, self.rng, self.tell, self.began
             )
             if drawn.p > UNUSUAL and drawn.whole:
-                self.search.level([baseline], REFITS, least=HINT * scale**2)
+                self.search.level([baseline], REFITS, least=self.hint(scale))
                 return judgement.nothing()
             singles = self.shaped(self.search.level([baseline], REFITS))
             if (again := self.step_about_cause(baseline, singles)) is None:
@@ -116,7 +115,8 @@ class _Inquiry:
         climb = Climb(
             self.search, baseline, drawn.adequacy, scale, self.tolerance_m, self.study, self.rng, self.without
         )
-        best, last = climb.confirmed(*climb.plain(*climb.switching(*climb.smooth(singles))))
+        found = climb.smooth(singles)
+        best, last = climb.confirmed(*climb.plain(*(found if self.cancelled() else climb.switching(*found))))
         judgement.scale = climb.scale
         return judgement.of(best, last, climb)
 
@@ -145,6 +145,11 @@ class _Inquiry:
         model_free = place_evidence(baseline.fitted, latent, scale)
         tests = held_out(baseline, scale, self.tell)
         return Drawn(baseline, about, latent, found, p, model_free, tests), scale
+
+    def hint(self, scale: float) -> float:
+        """What a single cause gains to first order that may stand beside none: odds of twenty, of one of its sizes."""
+        single = log_prior(1, len(self.subject.library.candidates)) - np.log(len(SHARES))
+        return float(2.0 * scale**2 * (np.log(NONE) - single - ODDS))
 
     def shaped(self, singles: list[Cause]) -> list[Cause]:
         """Single causes, the likeliest with what of its shape is freed late, and so others of its kind that could come

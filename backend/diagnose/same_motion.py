@@ -28,6 +28,8 @@ def complete(search: Search, cause: Cause, scale: float) -> list[Cause]:
 
     scale: of all sigmas.
     """
+    if search.cancelled():
+        return []
     size = min(len(cause.candidates), EXCHANGED)
     found: list[tuple[float, Choice, Float[np.ndarray, " x"]]] = []
     for given in combinations(cause.candidates, size):
@@ -105,7 +107,7 @@ def elsewhere(search: Search, cause: Cause) -> list[Cause]:
     """
     made = []
     for member in cause.candidates:
-        if not any(member.tries) or member.sought or member.sizes.sum() < 2:
+        if not any(member.tries) or member.sought or member.sizes.sum() < 2 or search.cancelled():
             continue
         rest = [c for c in cause.candidates if c is not member]
         about = beyond(cause.fitted, (member,))

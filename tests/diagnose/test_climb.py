@@ -369,3 +369,19 @@ def test_members_are_exchanged_as_long_as_that_is_worth_it_and_stays_in_one_mode
     monkeypatch.setattr(climb, "enough", lambda judged: False)
     best, found = climb._exchanged(first, None)
     assert (best, found.excess, asked) == (second, 1.0, ["first", "second"])
+
+
+def test_what_is_likelier_in_longer_steps_is_seen_through_before_it_is_named(monkeypatch):
+    rough, seen = (SimpleNamespace(names=("a",), fitted=of_steps(longer)) for longer in (True, False))
+    climb: Any = object.__new__(Climb)
+    climb.search = SimpleNamespace(tried={rough.names: rough})
+    climb.searches = {id(SUBJECT): SimpleNamespace(seen_through=lambda cause: seen)}
+    monkeypatch.setattr(climb, "_likeliest", lambda best, worth, size: climb.search.tried[rough.names])
+    assert climb._most_probable(rough, 0.0) is seen
+
+
+SUBJECT = object()
+
+
+def of_steps(longer: bool) -> SimpleNamespace:
+    return SimpleNamespace(in_longer_steps=longer, subject=SUBJECT)

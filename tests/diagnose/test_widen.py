@@ -63,7 +63,7 @@ def test_a_form_is_not_tried_beside_a_simpler_one_at_its_place(monkeypatch):
     search.forms = set()
     search.subject = SimpleNamespace(library=SimpleNamespace(candidates=[dry, worn, elsewhere_]))
     monkeypatch.setattr(search, "screen", lambda cause: SimpleNamespace(early=None, gain=lambda candidate: 1.0))
-    monkeypatch.setattr(search, "promising", lambda about, plain, refits: plain)
+    monkeypatch.setattr(search, "promising", lambda about, plain, *how_many: plain)
     monkeypatch.setattr(search, "_leading", lambda joined: [])
     monkeypatch.setattr(which, "is_new", lambda candidate, cause: candidate.name not in cause.names)
     forms = {dry.name: [worn]}
@@ -113,7 +113,7 @@ def test_a_form_that_contains_a_simpler_one_is_tried_wherever_it_may_act(monkeyp
         same_motion, "of_its_shape", lambda fitted, about, member, c: None if c.name == "stribeck:j3" else {"x": 1}
     )
     monkeypatch.setattr(same_motion, "begun_from", lambda fitted, choice, values: values)
-    monkeypatch.setattr(same_motion, "fit", lambda subject, choice, start: SimpleNamespace(chi2=1.0, choice=choice))
+    monkeypatch.setattr(search, "fit_about", lambda parent, choice, *begun: SimpleNamespace(chi2=1.0, choice=choice))
     monkeypatch.setattr(same_motion, "in_order", lambda fitted: True)
     monkeypatch.setattr(search, "keep", lambda fitted: [c.name for c in fitted.choice])
     cause: Any = SimpleNamespace(candidates=(library[0], other), fitted=None)
