@@ -44,13 +44,15 @@ class Seer:
 
     def left(self, x: np.ndarray) -> Float[np.ndarray, " n"]:
         """r alone."""
-        return np.concatenate(self.subject.over(lambda i: self.left_of(i, x), range(len(self.probes))))
-
-    def left_of(self, i: int, x: np.ndarray) -> Float[np.ndarray, " n"]:
-        """The same of one run."""
         few, ends = self._ends(x)
-        probe = self.probes[i]
-        return self.white[i](probe.data.value - probe.seen(x[:few], x[ends[i] : ends[i + 1]]))
+        r = np.zeros(self.count)
+
+        def one(i: int) -> None:
+            p = self.probes[i]
+            r[self.rows[i]] = self.white[i](p.data.value - p.seen(x[:few], x[ends[i] : ends[i + 1]]))
+
+        self.subject.over(one, range(len(self.probes)))
+        return r
 
     def across(self, x: np.ndarray, J: np.ndarray, sd: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Slopes by differences: where walls rub, pins stick and slip within a step, and exact slopes say how that step

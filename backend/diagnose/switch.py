@@ -69,22 +69,20 @@ def promising(
     passed: dict[str, np.ndarray],
     beside: Sequence[Candidate] = (),
     known: Mapping[str, float] | None = None,
-    most: float = np.inf,
 ) -> tuple[float, dict[str, float], Candidate]:
     """Least sum of squares over the first half of the records, the opening that has it, and of what: the candidate, or
     the same with walls that rub and pins that lie anywhere in their holes before the release, as pins that rub do.
 
-    Every experiment starts from its own static frames. beside: other candidates, at the values `known` by name. most:
-    what an opening may leave; one that leaves more, or more than another, is not followed through every experiment.
+    Every experiment starts from its own static frames. beside: other candidates, at the values `known` by name.
     """
     best = (np.inf, {}, candidate)
     for values in openings(subject, candidate, passed):
-        cost = _early(subject, (*beside, candidate), {**(known or {}), **values}, min(most, best[0]))
+        cost = _early(subject, (*beside, candidate), {**(known or {}), **values})
         best = min(best, (cost, values, candidate), key=lambda b: b[0])
     cost, values, _ = best
     if values and (rubbed := roughened(candidate, values)) is not None:
         rough, values = rubbed
-        if (left := _early(subject, (*beside, rough), {**(known or {}), **values}, TELLS * cost)) < TELLS * cost:
+        if (left := _early(subject, (*beside, rough), {**(known or {}), **values})) < TELLS * cost:
             return left, values, rough.settling(values[rough.parameters[0].name])
     return best
 
@@ -107,20 +105,13 @@ def rubbing(candidate: Candidate) -> Candidate | None:
     return replace(way.only([i < own or name == RUBBING for i, name in enumerate(names)]), closer=candidate.closer)
 
 
-def _early(subject: Subject, candidates: Sequence[Candidate], values: Mapping[str, float], most: float) -> float:
+def _early(subject: Subject, candidates: Sequence[Candidate], values: Mapping[str, float]) -> float:
     """Sum of squares over the first half of the records: what a late blow does to the rest of one says little about its
-    place. Infinite where some of the experiments leave more than `most` already.
+    place.
     """
     choice = subject.choose(*candidates)
-    seer = Seer(subject, [subject.chosen(p, choice).first(EARLY) for p in subject.fit], EARLY)
-    x, left = start_of(subject, choice, values), list[float]()
-
-    def one(i: int) -> None:
-        if sum(left) <= most:
-            left.append(float(np.sum(capped(seer.left_of(i, x)) ** 2)))
-
-    subject.over(one, range(len(seer.probes)))
-    return sum(left) if len(left) == len(seer.probes) else np.inf
+    probes = [subject.chosen(p, choice).first(EARLY) for p in subject.fit]
+    return float(np.sum(capped(Seer(subject, probes, EARLY).left(start_of(subject, choice, values))) ** 2))
 
 
 def capped(r: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -19,7 +19,6 @@ BRIEF = 4  # iterations of a first look
 GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are
 TAKEN = 0.6  # of the misfit beyond noise of a part of the records, left by a cause that is worth the rest of them
 NEARER = 1.5  # times what its rival leaves of most of a record, fitted to that alone while its rival was not
-FAR = 2.0  # times what the last of those that are fitted leaves: others that leave more at every size are no rivals
 SPARE = 0.25  # noise variances that a part of the records may always leave
 
 
@@ -47,9 +46,7 @@ def switching(
     found = []
     for candidate in search.subject.library.candidates:
         if candidate.family == family and not search.cancelled() and len(others) == len(names):
-            costs = sorted(cost for cost, *_ in found)
-            most = np.inf if family == LOAD or len(costs) < SWITCHES else FAR * costs[SWITCHES - 1]
-            cost, values, begun = promising(search.subject, candidate, motion, others, known, most)
+            cost, values, begun = promising(search.subject, candidate, motion, others, known)
             if values:
                 found.append((cost, known | values, begun))
     if family == LOAD:

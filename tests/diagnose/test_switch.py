@@ -1,9 +1,7 @@
 """What a search for something that switches on begins with: sizes, and walls that rub where those tell the play."""
 
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from backend.diagnose import switch
@@ -43,7 +41,7 @@ def test_a_friction_that_the_drawing_states_is_kept():
 def test_walls_rub_from_the_beginning_where_that_tells_the_play(monkeypatch, rubbed, begun):
     asked: list[dict[str, float]] = []
 
-    def early(subject, candidates, values, most):
+    def early(subject, candidates, values):
         asked.append(values)
         return rubbed if RUBS in values else 100.0 + abs(values[PLAY] - 3e-4)
 
@@ -53,22 +51,3 @@ def test_walls_rub_from_the_beginning_where_that_tells_the_play(monkeypatch, rub
     assert len(asked) == len(switch.FACTORS) + 1
     assert [p.name for p in of.parameters] == begun == list(values)
     assert cost == pytest.approx(min(rubbed, 100.0), abs=1.0) if RUBS in values else cost > rubbed
-
-
-@pytest.mark.parametrize(("most", "left", "looked_at"), [(5.0, np.inf, 2), (16.0, 16.0, 4)])
-def test_what_leaves_more_than_it_may_is_not_followed_through_every_experiment(monkeypatch, most, left, looked_at):
-    followed: list[int] = []
-
-    def left_of(i, x):
-        followed.append(i)
-        return np.full(1, 2.0)
-
-    monkeypatch.setattr(switch, "Seer", lambda subject, probes, share: SimpleNamespace(probes=probes, left_of=left_of))
-    monkeypatch.setattr(switch, "start_of", lambda subject, choice, values: np.zeros(1))
-    probe = SimpleNamespace(first=lambda share: None)
-    subject: Any = SimpleNamespace(
-        choose=lambda *members: members, chosen=lambda p, choice: p, fit=[probe] * 4,
-        over=lambda work, items: [work(i) for i in items],
-    )  # fmt: skip
-    assert switch._early(subject, (), {}, most) == left
-    assert len(followed) == looked_at

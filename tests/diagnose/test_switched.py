@@ -54,17 +54,3 @@ def leaving(left: float) -> Any:
 def test_play_that_falls_behind_is_tried_with_walls_as_they_come(search, drawn, rival, left):
     found = switched.switching(search, leaving(drawn), "clearance", {}, leaving(rival))
     assert [c.fitted.chi2 / ROWS for c in found] == ([] if left is None else [left])
-
-
-def test_of_many_the_best_of_a_few_say_what_the_others_may_leave(search, monkeypatch):
-    """Of five plays, the third best of those that were looked at, and twice as much."""
-    asked: list[float] = []
-
-    def promising(subject, play, motion, others, known, most):
-        asked.append(most)
-        return 10.0 * len(asked), {"radial_m": 1e-3}, play
-
-    monkeypatch.setattr(switched, "promising", promising)
-    search.subject.library.candidates *= 5
-    switched.switching(search, leaving(DRAWN), "clearance", {}, leaving(3.0))
-    assert asked == [np.inf] * 3 + [60.0] * 2
