@@ -23,7 +23,7 @@ from backend.commands.terminal import (
 ENDED = "The search was ended early: an explanation that was not tried may fit better. --resume goes on from there."
 LATE = (
     "The search was ended after {:g} minutes: an explanation that was not tried may fit better. "
-    "--resume goes on from there, as long again; --minutes 0 sets no end."
+    "Go on with --resume, as long again, or begin with more --minutes (0 sets no end)."
 )
 
 

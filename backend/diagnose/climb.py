@@ -180,6 +180,7 @@ class Climb(AbstractBeyondSmooth):
         return top
 
     def _likeliest(self, best: Cause, worth: float, size: int) -> Cause:
+        """The same in whichever steps a set was fitted."""
         most = max(len(best.candidates), size)
         sets = [
             c for c in self.search.tried.values()

@@ -115,8 +115,10 @@ class _Inquiry:
         climb = Climb(
             self.search, baseline, drawn.adequacy, scale, self.tolerance_m, self.study, self.rng, self.without
         )
-        found = climb.smooth(singles)
-        best, last = climb.confirmed(*climb.plain(*(found if self.cancelled() else climb.switching(*found))))
+        best, last = climb.smooth(singles)
+        if not self.cancelled():
+            best, last = climb.switching(best, last)
+        best, last = climb.confirmed(*climb.plain(best, last))
         judgement.scale = climb.scale
         return judgement.of(best, last, climb)
 
@@ -147,7 +149,9 @@ class _Inquiry:
         return Drawn(baseline, about, latent, found, p, model_free, tests), scale
 
     def hint(self, scale: float) -> float:
-        """What a single cause gains to first order that may stand beside none: odds of twenty, of one of its sizes."""
+        """What a single cause must gain to first order, or it has less than one in twenty of the odds that nothing is
+        amiss has, whichever of its sizes before any data it is given.
+        """
         single = log_prior(1, len(self.subject.library.candidates)) - np.log(len(SHARES))
         return float(2.0 * scale**2 * (np.log(NONE) - single - ODDS))
 

@@ -335,9 +335,12 @@ class Search:
         """The same sets over this share of the records, the likeliest first; without those whose motion is lost."""
         made: list[Fitted] = []
         for f in sorted(fits, key=lambda f: f.chi2):
-            ahead, begin = min((m.chi2 for m in made), default=None), {"start": f.x, "fractions": (share,)}
-            one = fit(self.subject, f.choice, **begin, max_iterations=8, ahead=ahead, coarse=coarse)
-            made += [one] if np.isfinite(one.chi2) else []
+            ahead = min((m.chi2 for m in made), default=None)
+            one = fit(
+                self.subject, f.choice, start=f.x, fractions=(share,), max_iterations=8, ahead=ahead, coarse=coarse
+            )
+            if np.isfinite(one.chi2):
+                made.append(one)
         return made
 
     def tuning(self, parent: Cause, rival: Cause) -> list[Cause]:
