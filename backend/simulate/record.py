@@ -70,8 +70,9 @@ def on_steps(
     """Recorded drives (address, times [s], values) on the steps of a rollout.
 
     A force, held from each sample to the next, acts at a node for the step around it, so it enters as its mean over
-    that step: no impulse of a coarse or uneven record is lost.  A prescribed path enters as its value at the step's
-    end.
+    that step: no impulse of a coarse or uneven record is lost.  At the first node only half a step follows, and what was
+    held before moves nothing: a motor that sets in as a mechanism is let go acts from there.  A prescribed path enters
+    as its value at the step's end.
 
     Raises ValueError naming an effect or parameter that takes no record.
     """
@@ -86,7 +87,7 @@ def on_steps(
         if drive == "end":
             column = path_value(times, values, nodes + step_s)
         else:
-            column = mean_value(times, values, nodes - 0.5 * step_s, nodes + 0.5 * step_s)
+            column = mean_value(times, values, np.maximum(nodes - 0.5 * step_s, start_s), nodes + 0.5 * step_s)
         columns += [column] * len(at)
         driven += at
     return Record(jnp.asarray(np.stack(columns, -1)), tuple(driven))
