@@ -39,7 +39,9 @@ class Climb(AbstractBeyondSmooth):
         self.large = False
 
     def smooth(self, singles: list[Cause]) -> tuple[Cause, Adequacy]:
-        """Add effects as long as what is left is large enough to be worth one, and one takes a good part of it."""
+        """Add effects as long as what is left is large enough to be worth one, and one takes a good part of it. Where a
+        pair follows whole records, what switches on is asked before a third.
+        """
         best, level = self.baseline, singles
         found: Adequacy | None = None
         for depth in range(1, DEEPEST + 1):
@@ -62,15 +64,11 @@ class Climb(AbstractBeyondSmooth):
                 return struck
             if top.fitted.fraction == 1.0:
                 self.scale = max(1.0, min(judged.noise, 1.5))
-            if depth == DEEPEST or self._cancelled():
+            if depth == DEEPEST or (depth == SURE and top.fitted.fraction == 1.0) or self._cancelled():
                 break
-            if depth >= SURE or not top.fitted.pressed:  # one that is enough only at the end of its range is not
-                plain = self.enough(judged) and not (depth < SURE and self._hinted(top, judged))
-                if plain or self._little(top, judged, depth):
-                    break
-                if self._out_of_reach(top, judged):
-                    self._tell("nothing smooth in the library could take what is left")
-                    break
+            # One that is enough only at the end of its range is not.
+            if (depth >= SURE or not top.fitted.pressed) and self._borne(top, judged, depth):
+                break
             parents = leaders[:LEADERS] if depth < SURE else [top]
             level = self.search.level(parents, PARTNERS, rival=top, place=self._place(top))
         if found is None:
@@ -84,6 +82,47 @@ class Climb(AbstractBeyondSmooth):
         if len(best.candidates) <= SURE and best.fitted.fraction == 1.0 and elsewhere(self.search, best):
             best, found = self._likelier_than(best, found)
         return self._recombined(best, found)
+
+    def larger(self, best: Cause, last: Adequacy, pair: Cause, left: Adequacy) -> tuple[Cause, Adequacy]:
+        """Three smooth effects and more, from a pair on, where neither it nor what switches on is enough; the best set
+        where they do not take its place. left: what the pair leaves.
+        """
+        smooth = len(pair.candidates) == SURE and pair.fitted.subject is self.search.subject
+        if not smooth or pair.fitted.fraction < 1.0 or self.enough(last) or self._settled(best, last):
+            return best, last
+        self.search.look_again(pair)
+        top, judged = pair, left
+        for depth in range(SURE, DEEPEST):
+            if self._cancelled() or self._borne(top, judged, depth):
+                break
+            leaders = self._leaders(self.search.level([top], PARTNERS, rival=top, place=self._place(top)))
+            if not leaders:
+                break
+            cause, found = self._judged(leaders[0])
+            self._tell(f"{' + '.join(cause.names)} leaves {found.excess:.3g} of the noise's power, p {found.p:.2g}")
+            if not self._better(cause, top, found, judged):
+                break
+            top, judged = cause, found
+        if top is pair:
+            return best, last
+        top, judged = self._likelier_than(top, judged, worth=NAMED)
+        for step in (self._thinned if self.enough(judged) else self._shaped, self._narrowed):
+            if top.fitted.subject is self.search.subject and not self._cancelled():
+                top, judged = step(top, judged)
+        if best is not pair and not self._accepted(top, best, judged, last):
+            return best, last
+        self.scale = max(1.0, min(judged.noise, 1.5))
+        return top, judged
+
+    def _borne(self, top: Cause, judged: Adequacy, depth: int) -> bool:
+        """Whether a set leaves too little to bear one more effect, or what none could take."""
+        plain = self.enough(judged) and not (depth < SURE and self._hinted(top, judged))
+        if plain or self._little(top, judged, depth):
+            return True
+        if not self._out_of_reach(top, judged):
+            return False
+        self._tell("nothing smooth in the library could take what is left")
+        return True
 
     def _hinted(self, top: Cause, judged: Adequacy) -> bool:
         """Whether what a cause leaves, though noise may leave as much, is what one of the library does beyond chance: a

@@ -8,9 +8,10 @@ import numpy as np
 
 from backend.diagnose.cause import Cause, begun_from
 from backend.diagnose.fitted import Fitted, fit, log_evidence
+from backend.diagnose.growing import FRACTIONS
 from backend.diagnose.screen import screen
 from backend.diagnose.switch import let_go
-from backend.diagnose.which import CHANCE, FRACTIONS, REFITS, Search
+from backend.diagnose.which import CHANCE, REFITS, Search
 
 SHARES = FRACTIONS[:-1]  # of the records
 ITERATIONS = 8

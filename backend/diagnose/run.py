@@ -115,9 +115,9 @@ class _Inquiry:
         climb = Climb(
             self.search, baseline, drawn.adequacy, scale, self.tolerance_m, self.study, self.rng, self.without
         )
-        best, last = climb.smooth(singles)
+        best, last = pair = climb.smooth(singles)
         if not self.cancelled():
-            best, last = climb.switching(best, last)
+            best, last = climb.larger(*climb.switching(best, last), *pair)
         best, last = climb.confirmed(*climb.plain(best, last))
         judgement.scale = climb.scale
         return judgement.of(best, last, climb)

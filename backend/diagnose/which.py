@@ -1,7 +1,6 @@
 """Which causes: from the drawing as it is, one effect at a time, as long as the data ask for another.
 
-Each level screens the library about the best sets so far, refits the most promising and weighs them by evidence. A gap
-so wide that the drawing loses the motion is first read over as much of the records as the model can follow.
+Each level screens the library about the best sets so far, refits the most promising and weighs them by evidence.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from jaxtyping import Float
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, as_last, begun_from, in_order, is_new
 from backend.diagnose.fitted import BEHIND, COARSE, LARGE, Fitted, fit, log_evidence, mean_square, start_of
+from backend.diagnose.growing import FRACTIONS, follow, stretched
 from backend.diagnose.latent import Latent, forces, responses
 from backend.diagnose.noise_learnt import remember, set_aside
 from backend.diagnose.noise_untold import size_up
@@ -23,8 +23,6 @@ from backend.diagnose.step_error import orderly, step_errors
 from backend.diagnose.subject import Choice, Subject
 from backend.diagnose.unseen import Left, Unseen, unseen
 
-FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the records
-REACH = 0.12  # rad or mechanism lengths: a misfit beyond it is no longer small against the motion
 LEAST = 1.0  # sum of squares, in noise variances, that a candidate takes off to first order, or it is not refitted
 REFITS = 8  # candidates of a level that are refitted
 PARTNERS = 5  # refitted beside each of the best sets
@@ -70,7 +68,7 @@ class Search:
     def baseline(self) -> Cause:
         """The drawing with its tolerances alone, as far into the records as it follows them."""
         choice = self.subject.choose()
-        made = self.follow(choice, self._ended(choice))
+        made = follow(self.subject, choice, self._ended(choice))
         self.followed = made.fraction
         if made.fraction == 1.0 and all(p.correction is None for p in self.subject.fit):
             self.subject.put_back(orderly(step_errors(self.subject, made)))
@@ -84,20 +82,6 @@ class Search:
                     made = fit(self.subject, made.choice, start=made.x)
                     self.known = responses(self.subject, made, raw)
         return self.keep(made)
-
-    def follow(self, choice: Choice, start: np.ndarray | None = None) -> Fitted:
-        """Fit over as much of the records as the choice can follow."""
-        x = start_of(self.subject, choice) if start is None else start
-        whole = fit(self.subject, choice, start=x, max_iterations=6)
-        if whole.miss < REACH:
-            return fit(self.subject, choice, start=whole.x)
-        best: Fitted | None = None
-        for fraction in FRACTIONS:
-            made = fit(self.subject, choice, start=x, fractions=(fraction,), max_iterations=8)
-            if best is not None and not made.miss < REACH:
-                break
-            best, x = made, made.x
-        return best or whole
 
     def level(
         self,
@@ -128,7 +112,7 @@ class Search:
                 self._join(parent, about.early or about, candidate, fits, rival)
             self._widen(parent, about.early or about, wider, fits, rival)
             joined.append(fits)
-        made = [self.keep(f) for fits in self._leading(joined) for f in self._stretch(fits) if in_order(f)]
+        made = [self.keep(f) for fits in self._leading(joined) for f in stretched(self.subject, fits) if in_order(f)]
         return sorted(made, key=lambda c: -c.log_z)
 
     def _leading(self, joined: Sequence[list[Fitted]]) -> list[list[Fitted]]:
@@ -314,33 +298,6 @@ class Search:
                 fits: list[Fitted] = []
                 self._join(rest, about, wide, fits, None, simple)
                 made += [self.keep(fitted) for fitted in map(self._finished, fits) if in_order(fitted)]
-        return made
-
-    def _stretch(self, fits: list[Fitted]) -> list[Fitted]:
-        """The same sets over longer records, as far as the best of them follows, but for those far behind it; seen
-        through where they end.
-        """
-        coarse = False
-        while fits and fits[0].fraction < 1.0:
-            longer = FRACTIONS[FRACTIONS.index(fits[0].fraction) + 1]
-            grown = self._grown(fits, longer, longer < 1.0)
-            if not grown or not min(f.miss for f in grown) < REACH:
-                return self._grown(fits, fits[0].fraction, False) if coarse else fits
-            coarse, farthest = longer < 1.0, max(REACH, BEHIND * min(f.miss for f in grown))
-            most = BEHIND * max(min(f.chi2 / f.r.size for f in grown), 1.0) if coarse else np.inf
-            fits = [f for f in grown if f.miss < farthest and f.chi2 < most * f.r.size]
-        return fits
-
-    def _grown(self, fits: Sequence[Fitted], share: float, coarse: bool) -> list[Fitted]:
-        """The same sets over this share of the records, the likeliest first; without those whose motion is lost."""
-        made: list[Fitted] = []
-        for f in sorted(fits, key=lambda f: f.chi2):
-            ahead = min((m.chi2 for m in made), default=None)
-            one = fit(
-                self.subject, f.choice, start=f.x, fractions=(share,), max_iterations=8, ahead=ahead, coarse=coarse
-            )
-            if np.isfinite(one.chi2):
-                made.append(one)
         return made
 
     def tuning(self, parent: Cause, rival: Cause) -> list[Cause]:

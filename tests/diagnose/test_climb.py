@@ -385,3 +385,61 @@ SUBJECT = object()
 
 def of_steps(longer: bool) -> SimpleNamespace:
     return SimpleNamespace(in_longer_steps=longer, subject=SUBJECT)
+
+
+@pytest.mark.parametrize(("followed", "asked_for"), [(1.0, ["a"]), (0.5, ["a", "a+b", "a+b+c"])])
+def test_what_switches_on_is_asked_before_a_third_effect(monkeypatch, followed, asked_for):
+    """Where a pair does not even follow the records a third may be what it lacks; nothing that switches on is seen."""
+    climb, asked = growing_sets(monkeypatch, followed)
+    best, left = climb.smooth([a_set("a", followed)])
+    assert [parents[0].names for parents in asked] == [tuple(names.split("+")) for names in asked_for]
+    if followed == 1.0:
+        assert best.names == ("a", "b")
+        asked.clear()
+        best, _ = climb.larger(best, left, best, left)
+        assert [parents[0].names for parents in asked] == [("a", "b"), ("a", "b", "c")]
+    assert best.names == ("a", "b", "c", "d")
+
+
+def test_what_switches_on_and_is_enough_asks_for_no_third(monkeypatch):
+    climb, asked = growing_sets(monkeypatch, 1.0)
+    pair, stop, left = a_set("a+b"), a_set("stop"), SimpleNamespace(excess=9.0, p=0.0, noise=1.0)
+    enough = SimpleNamespace(excess=0.0, p=1.0, noise=1.0)
+    assert climb.larger(stop, enough, pair, left) == (stop, enough)
+    assert not asked
+    monkeypatch.setattr(climb, "_accepted", lambda cause, best, judged, last: False)
+    assert climb.larger(stop, left, pair, left) == (stop, left)  # sets of three were asked, and do not come up with it
+    assert len(asked) == 2
+
+
+def a_set(names: str, fraction: float = 1.0) -> Any:
+    members = tuple(names.split("+"))
+    return SimpleNamespace(
+        names=members, candidates=members, fitted=SimpleNamespace(fraction=fraction, pressed=False, subject=None)
+    )
+
+
+def growing_sets(monkeypatch, fraction: float) -> tuple[Any, list[Any]]:
+    """A climb in which each level finds one effect more, none of them enough, and the parents that it asked for."""
+    climb: Any = object.__new__(Climb)
+    asked: list[Any] = []
+    left = SimpleNamespace(excess=9.0, p=0.0, noise=1.0)
+
+    def level(parents, most, rival, place):
+        asked.append(parents)
+        return [a_set("+".join([*parents[0].names, "abcd"[len(parents[0].names)]]), fraction)]
+
+    climb.baseline, climb.scale = a_set("", fraction), 1.0
+    climb.search = SimpleNamespace(level=level, subject=None, look_again=lambda cause: None)
+    for name, says in {
+        "_leaders": lambda level: level, "_judged": lambda cause: (cause, left), "_tell": lambda words: None,
+        "_may_mislead": lambda cause: False, "enough": lambda judged: judged.p > 0.5, "_cancelled": lambda: False,
+        "_struck": lambda cause, judged: None, "_borne": lambda top, judged, depth: False, "_place": lambda cause: None,
+        "_better": lambda *told: True, "_settled": lambda best, last: last.p > 0.5, "_accepted": lambda *told: True,
+        **{name: lambda best, found, **told: (best, found)
+           for name in ("_likelier_than", "_shaped", "_thinned", "_narrowed", "_recombined")},
+    }.items():  # fmt: skip
+        monkeypatch.setattr(climb, name, says, raising=False)
+    monkeypatch.setattr(sets, "in_shape", lambda search, leaders: leaders)
+    monkeypatch.setattr(sets, "elsewhere", lambda search, best: [])
+    return climb, asked

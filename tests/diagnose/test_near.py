@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from backend.diagnose import growing
 from backend.diagnose import which as module
 from backend.diagnose.fitted import BEHIND
 from backend.diagnose.which import Search
@@ -68,17 +69,15 @@ def test_a_set_that_falls_far_behind_on_its_way_is_not_followed_to_the_end(monke
     left = {("near", 0.5): 0.9 * BEHIND, ("far", 0.5): 1.1 * BEHIND, ("near", 1.0): 9.0 * BEHIND}
 
     def end(choice: str, share: float) -> Any:
-        chi2, miss = left.get((choice, share), 1.0) * samples, 0.0 if followed or share < 1.0 else module.REACH
+        chi2, miss = left.get((choice, share), 1.0) * samples, 0.0 if followed or share < 1.0 else growing.REACH
         return SimpleNamespace(choice=choice, x=None, fraction=share, chi2=chi2, r=np.empty(samples), miss=miss)
 
     def fit(subject, choice, start, fractions, max_iterations, ahead, coarse):
         asked.append((choice, *fractions, coarse))
         return end(choice, *fractions)
 
-    monkeypatch.setattr(module, "fit", fit)
-    search: Any = object.__new__(Search)
-    search.subject = None
-    made = search._stretch([end(choice, 0.25) for choice in ("good", "near", "far")])
+    monkeypatch.setattr(growing, "fit", fit)
+    made = growing.stretched(None, [end(choice, 0.25) for choice in ("good", "near", "far")])
     share = 1.0 if followed else 0.5
     assert [(f.choice, f.fraction) for f in made] == [("good", share), ("near", share)]
     half = [("good", 0.5, True), ("near", 0.5, True), ("far", 0.5, True)]

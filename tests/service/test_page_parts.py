@@ -29,6 +29,7 @@ from backend.service.page.files import add_files
 from backend.service.page.marked_before import marked_before
 from backend.service.page.runs import kind_of, released
 from backend.service.page.stage import on_stage, plane_of_motion
+from backend.service.page.study_view import _request
 from backend.service.page.upload import told
 from backend.service.problems import Problem
 from backend.service.records import Job
@@ -372,3 +373,15 @@ def test_a_check_that_is_cut_off_is_made_again(tmp_path, monkeypatch):
         asyncio.run(running.checked(service, "a", "mechanism.json"))
     assert list(running.place(service, "").iterdir()) == []
     service.close()
+
+
+@pytest.mark.parametrize(("typed", "sent"), [("", None), ("0", 0.0), ("90.5", 90.5)])
+def test_a_diagnosis_is_asked_for_with_the_minutes_that_were_typed(typed, sent):
+    asked = {"tolerance": "", "minutes": typed, "without": "air_drag"}
+    request = _request("diagnose", "00000000-0000-0000-0000-000000000001", asked)
+    assert (request.minutes, request.tolerance_mm, request.without) == (sent, None, ["air_drag"])
+
+
+def test_less_than_no_minutes_are_refused():
+    with pytest.raises(ValueError, match="minutes"):
+        _request("diagnose", "00000000-0000-0000-0000-000000000001", {"tolerance": "", "minutes": "-1", "without": ""})

@@ -48,6 +48,7 @@ def study_view(service: Service, owner: str, id: str) -> None:
     folder = file.mechanism.rpartition("/")[0]
     asked: dict[str, Any] = {
         "tolerance": "",
+        "minutes": "",
         "without": "",
         "free": ["coulomb_friction:*"],
         "more": "",
@@ -98,11 +99,13 @@ def study_view(service: Service, owner: str, id: str) -> None:
                     min="0",
                     step="any",
                 )
+                field("longest search [minutes]", "", lambda t: asked.update(minutes=t), "number", min="0", step="any")
                 field("effects that cannot be, comma separated", "", lambda t: asked.update(without=t), list="kinds")
                 with tag("datalist", id="kinds"):
                     for kind in effect_kinds():
                         tag("option", value=kind)
-                tag("p", "Diagnose tries every effect of the library by itself; both fields may stay empty.", "note")
+                told = "Diagnose tries every effect of the library by itself; all fields may stay empty."
+                tag("p", f"{told} A search ends after 40 minutes unless told; 0 sets no end.", "note")
             with tag("div", look="panel"):
                 tag("h3", "Does it jam?")
                 tag("p", "Every run let go from where it was measured, under the drawn effects.", "note")
@@ -165,7 +168,7 @@ def _request(kind: str, id: str, asked: dict[str, Any]) -> DiagnoseRequest | Fit
     without, known = _words(asked["without"]), effect_kinds()
     if wrong := [word for word in without if word not in known]:
         raise ValueError(f"{', '.join(wrong)}: no such effect. Choose from the list, for instance coulomb_friction.")
-    tolerance = float(asked["tolerance"]) if asked["tolerance"] else None
+    tolerance, minutes = (float(asked[name]) if asked[name] else None for name in ("tolerance", "minutes"))
     return DiagnoseRequest.model_validate(
-        {"kind": "diagnose", "study": id, "tolerance_mm": tolerance, "without": without}
+        {"kind": "diagnose", "study": id, "tolerance_mm": tolerance, "without": without, "minutes": minutes}
     )
