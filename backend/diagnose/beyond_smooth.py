@@ -16,7 +16,7 @@ from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.ends import stopping_alike
 from backend.diagnose.fitted import LARGE, mean_square
 from backend.diagnose.heard import alike
-from backend.diagnose.library import LOAD, PLAYS, SMOOTH, STOPS, families, library, rubs_dry
+from backend.diagnose.library import BENDING, LOAD, PLAYS, SMOOTH, STOPS, families, library, rubs_dry
 from backend.diagnose.onset import MOVED, Onset, moved, onset
 from backend.diagnose.standards import NOTHING, SMALL, SURE, WIDE, AbstractStandards
 from backend.diagnose.subject import prepare
@@ -48,6 +48,9 @@ class AbstractBeyondSmooth(AbstractStandards):
 
     def __post_init__(self):
         self.searches = {id(self.search.subject): self.search}
+        self.met: dict[str, Search] = {}  # by family, of ends of travel that were sought before smooth pairs
+        self.struck: set[tuple[str, tuple[str, ...]]] = set()  # families of them, and what they joined
+        self.after_blows = np.inf  # power that the best of them leaves
 
     def switching(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """Where nothing smooth is enough or follows whole records, or held-out experiments refuse it: stops, play,
@@ -74,7 +77,7 @@ class AbstractBeyondSmooth(AbstractStandards):
             if search is None:
                 continue
             self.searches[id(search.subject)] = search
-            made = switching(search, self.baseline, family, motion, best)
+            made = self._switching(search, family, motion, best)
             for cause in made:
                 self.search.tried[cause.names] = cause
                 if self._likelier(cause, best):
@@ -89,7 +92,7 @@ class AbstractBeyondSmooth(AbstractStandards):
             if refused and family in STOPS and not self._cancelled():
                 besides += self._borne_out(besides)
             for beside in besides:
-                for cause in switching(search, self.baseline, family, motion, best, beside)[:1]:
+                for cause in self._switching(search, family, motion, best, beside)[:1]:
                     self.search.tried[cause.names] = cause
                     cause, judged = self._judged(cause, search)
                     if self._accepted(cause, best, judged, last):
@@ -99,6 +102,26 @@ class AbstractBeyondSmooth(AbstractStandards):
             if self._settled(best, last):
                 break
         return best, last
+
+    def _switching(
+        self,
+        search: Search,
+        family: str,
+        motion: dict[str, np.ndarray],
+        best: Cause,
+        beside: Cause | None = None,
+    ) -> list[Cause]:
+        """Those of a family alone or beside a cause, the likeliest first, as they were found where they were sought
+        already.
+        """
+        joined = () if beside is None else beside.names
+        if (family, joined) not in self.struck:
+            return switching(search, self.baseline, family, motion, best, beside)
+        found = [
+            c for c in search.tried.values()
+            if tuple(sorted(m.name for m in c.candidates if m.family == SMOOTH)) == joined
+        ]  # fmt: skip
+        return sorted(found, key=lambda c: -c.log_z)
 
     def _or_load(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """The best set, or one with friction that grows with load in place of its dry friction: where loads change
@@ -227,6 +250,8 @@ class AbstractBeyondSmooth(AbstractStandards):
         refused: by held-out experiments. lost: the motion, before the records end.
         """
         every = sorted(set(families(self.without)) - {SMOOTH}, key=lambda family: (family != LOAD, family))
+        if self.after_blows < last.power:  # they are nearer than all that is smooth
+            every = sorted(every, key=lambda family: family not in STOPS)
         if lost and self.enough(last):  # all is well until something is met
             return sorted(every, key=lambda family: family not in STOPS)
         if lost or (refused and self.enough(last)):  # nothing that is left here says where to look
@@ -236,9 +261,9 @@ class AbstractBeyondSmooth(AbstractStandards):
         places = shares(place_evidence(best.fitted, self.search.latent, self.scale))
         if last.excess > UNREAD or _in_the_picture(places) < IN_THE_PICTURE:
             return every
-        # What is left lies in the picture, not in the mechanism; but a mark drifts where its body's pin is loose, and
-        # all stand elsewhere before the release where pins lay aside.
-        return [f for f in every if f in PLAYS]
+        # What is left lies in the picture, not in the mechanism; but a mark drifts where its body's pin is loose, all
+        # stand elsewhere before the release where pins lay aside, and marks of a body that bends go apart.
+        return [f for f in every if f in PLAYS | BENDING]
 
     def _alone(self) -> list[Cause]:
         """Single smooth causes that follow whole records: what was tried of another model joins none of this one."""
@@ -305,10 +330,12 @@ class AbstractBeyondSmooth(AbstractStandards):
             search = self._search_of(family)
             if search is None:
                 continue
-            self.searches[id(search.subject)] = search
+            self.searches[id(search.subject)] = self.met[family] = search
+            self.struck.add((family, () if beside is None else beside.names))
             for cause in switching(search, self.baseline, family, motion, top, beside)[:1]:
                 self.search.tried[cause.names] = cause
                 best, last = self._closer(*self._judged(cause, search), search)
+                self.after_blows = min(self.after_blows, last.power)
                 plain = self.enough(last) or last.power < SMALL**2 * min(self.at_base.power, WIDE)
                 if plain and self._settled(best, last):  # no smooth pair is asked, so it must be as good as one
                     return best, last
@@ -325,6 +352,8 @@ class AbstractBeyondSmooth(AbstractStandards):
 
     def _search_of(self, family: str) -> Search | None:
         """The same experiments under another family's model; None where the mechanism has no place for it."""
+        if family in self.met:
+            return self.met[family]
         every = library(self.study.mechanism, family, self.study.tolerances, self.without, driven_effects(self.study))
         known = alike(every, self.search.subject.library)
         if not any(c.family == family for c in known.candidates):

@@ -38,6 +38,7 @@ SWITCHING = (AbstractJointClearance, AbstractJointStop, AbstractSection)  # noth
 DECLARED_ONLY = (AbstractLinkContact,)  # their geometry must be drawn
 SMOOTH, LOAD = "smooth", "load"
 PLAYS = frozenset(kind for kind, e in catalogue().items() if issubclass(e, AbstractJointClearance))  # families of play
+BENDING = frozenset(kind for kind, e in catalogue().items() if issubclass(e, AbstractSection))  # families of bending
 STOPS = frozenset(kind for kind, e in catalogue().items() if issubclass(e, AbstractJointStop))  # families of ends
 TIGHT = 1e-6  # mechanism lengths: play of a pin that is as good as none
 GIVES = (10.0, 1.0, 0.1)  # of the softest stiffness that nobody need state: where a search for it begins

@@ -70,9 +70,8 @@ def on_steps(
     """Recorded drives (address, times [s], values) on the steps of a rollout.
 
     A force, held from each sample to the next, acts at a node for the step around it, so it enters as its mean over
-    that step: no impulse of a coarse or uneven record is lost.  At the first node only half a step follows, and what was
-    held before moves nothing: a motor that sets in as a mechanism is let go acts from there.  A prescribed path enters
-    as its value at the step's end.
+    that step: no impulse of a coarse or uneven record is lost.  At the first node the half behind it counts alone, for
+    what acted before the release moved nothing.  A prescribed path enters as its value at the step's end.
 
     Raises ValueError naming an effect or parameter that takes no record.
     """

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from backend.diagnose import beyond_smooth as module
@@ -19,7 +20,7 @@ class Asked(Exception):
 
 def climbing(monkeypatch, *, enough: bool, refused: bool) -> Any:
     climb: Any = object.__new__(Climb)
-    climb.without = frozenset()
+    climb.without, climb.after_blows = frozenset(), np.inf
     monkeypatch.setattr(climb, "enough", lambda judged: enough, raising=False)
     monkeypatch.setattr(climb, "refused", lambda cause: refused, raising=False)
     monkeypatch.setattr(climb, "_little", lambda cause, judged, depth: False)
@@ -50,20 +51,22 @@ def test_a_cause_that_follows_part_of_the_records_or_is_refused_leads_on_to_ever
 ):
     climb = climbing(monkeypatch, enough=True, refused=refused)
     with pytest.raises(Asked) as asked:
-        climb.switching(smooth_cause(fraction), SimpleNamespace(excess=0.0))
+        climb.switching(smooth_cause(fraction), SimpleNamespace(excess=0.0, power=0.0))
     all_was_well = fraction < 1.0  # as far as it went
     stops_first = ["joint_stop", module.LOAD, "clearance"]
     assert asked.value.args[0] == (stops_first if all_was_well else [module.LOAD, "clearance", "joint_stop"])
 
 
 @pytest.mark.parametrize("at", ["marker:a", "camera"])
-def test_what_is_left_in_the_picture_asks_for_play_alone_even_where_held_out_experiments_refuse(monkeypatch, at):
+def test_what_is_left_in_the_picture_asks_for_play_and_bending_even_where_held_out_experiments_refuse(monkeypatch, at):
     climb = climbing(monkeypatch, enough=False, refused=True)
+    every = {module.SMOOTH, module.LOAD, "joint_stop", "clearance", "link_flexibility"}
+    monkeypatch.setattr(module, "families", lambda without: every)
     monkeypatch.setattr(module, "place_evidence", lambda fitted, latent, scale: {at: 0.0, "joint:j1": -60.0})
     climb.search, climb.scale = SimpleNamespace(latent=None), 1.0
     with pytest.raises(Asked) as found:
-        climb.switching(smooth_cause(1.0), SimpleNamespace(excess=0.015))
-    assert found.value.args[0] == ["clearance"]
+        climb.switching(smooth_cause(1.0), SimpleNamespace(excess=0.015, power=1.0))
+    assert found.value.args[0] == ["clearance", "link_flexibility"]
 
 
 def test_a_cause_that_explains_whole_records_is_the_answer(monkeypatch):
@@ -190,6 +193,7 @@ def test_an_end_of_travel_is_sought_first_where_something_came_later(
     first, top, struck = (SimpleNamespace(names=(n,), candidates=(1,), fitted=None) for n in ("a", name, "stop"))
     climb._onset, climb.scale, climb.baseline, climb.searches = Onset(0.1, cast(Any, first)), 1.0, top, {}
     climb.search, beside, left = SimpleNamespace(tried={}), [], SimpleNamespace(power=power)
+    climb.met, climb.struck, climb.after_blows = {}, set(), np.inf
     climb.at_base = SimpleNamespace(power=1e3)
     monkeypatch.setattr(module, "mean_square", lambda fitted, share: harm)
     monkeypatch.setattr(module, "let_go", lambda fitted: {})
@@ -202,6 +206,38 @@ def test_an_end_of_travel_is_sought_first_where_something_came_later(
     assert climb._struck(top, SimpleNamespace(excess=excess)) == ((struck, left) if named else None)
     assert set(climb.search.tried) == ({struck.names} if named else set())  # smooth sets cannot go on from another's
     assert beside == ([first] if sought else [])
+    assert climb.after_blows == (power if sought else np.inf)
+
+
+@pytest.mark.parametrize(
+    ("left", "asked"),
+    [(2.0, [module.LOAD, "clearance", "joint_stop"]), (9.0, ["joint_stop", module.LOAD, "clearance"])],
+)
+def test_ends_of_travel_that_were_met_and_leave_less_than_smooth_pairs_come_first(monkeypatch, left, asked):
+    climb = climbing(monkeypatch, enough=False, refused=False)
+    climb.search, climb.scale, climb.after_blows = SimpleNamespace(latent=None), 1.0, 5.0
+    monkeypatch.setattr(module, "place_evidence", lambda fitted, latent, scale: {"joint:j1": 0.0})
+    last = SimpleNamespace(excess=99.0, power=left)
+    assert Climb._asked_of(climb, smooth_cause(1.0), cast(Any, last), False, False) == asked
+
+
+def test_what_was_sought_before_smooth_pairs_is_not_sought_again(monkeypatch):
+    """Of these the likeliest is first, with its walls as they came since; beside another cause it is sought anew."""
+    climb: Any = object.__new__(Climb)
+    climb.struck, climb.baseline = {("joint_stop", ("length_error:crank",))}, None
+    stop = SimpleNamespace(name="joint_stop:j1", family="joint_stop")
+    length = SimpleNamespace(name="length_error:crank", family=module.SMOOTH)
+    hard, soft, alone = (
+        SimpleNamespace(candidates=members, log_z=z)
+        for members, z in (((length, stop), 1.0), ((length, stop), 3.0), ((stop,), 9.0))
+    )
+    search: Any = SimpleNamespace(tried={("a",): hard, ("b",): soft, ("c",): alone})
+    monkeypatch.setattr(module, "switching", lambda *asked: [asked[-1]])
+    best: Any = None
+    beside, other = (cast(Any, SimpleNamespace(names=(f"length_error:{bar}",))) for bar in ("crank", "rod"))
+    assert climb._switching(search, "joint_stop", {}, best, beside) == [soft, hard]
+    assert climb._switching(search, "joint_stop", {}, best, other) == [other]
+    assert climb._switching(search, "joint_stop", {}, best) == [None]
 
 
 @pytest.mark.parametrize("fraction", [1.0, 0.5])
