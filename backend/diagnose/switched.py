@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, begun_from
 from backend.diagnose.fitted import BEHIND, Fitted, fit, mean_square, start_of
 from backend.diagnose.joining import SWITCHES, follows, joining
-from backend.diagnose.library import LOAD, PLAYS
+from backend.diagnose.library import LOAD, PLAYS, SMOOTH
 from backend.diagnose.subject import Choice
 from backend.diagnose.switch import promising
 from backend.diagnose.which import CHANCE, Search
@@ -63,17 +63,30 @@ def switching(
     return sorted((_settled(search, search.keep(f)) for f in made), key=lambda c: -c.log_z)
 
 
-def opened(search: Search, fitted: Fitted) -> Fitted | None:
-    """A fit with what nobody states of one of its members free as well, after a few iterations over the first of the
-    records: the way that leads nearest. None where everything is stated, or no way keeps the motion.
+def opened(search: Search, fitted: Fitted) -> list[Fitted]:
+    """Fits with what nobody states of one of its members free as well, after a few iterations over the first of the
+    records, the way that leads nearest first; no way that loses the motion.
+    """
+    first = [
+        fit(search.subject, c, start=begun_from(fitted, c, begin), fractions=GROWING[:1], max_iterations=BRIEF)
+        for c, begin in ((search.subject.choose(*way), begin) for way, begin in ways(search, fitted))
+    ]
+    return sorted((f for f in first if np.isfinite(f.chi2)), key=lambda f: f.chi2)
+
+
+def ways(search: Search, fitted: Fitted) -> Iterator[tuple[tuple[Candidate, ...], dict[str, float]]]:
+    """Members with what nobody states of one of them free as well, and where that begins. Walls that came free while
+    the member stood alone may have ended in a trough that is not the set's: they begin anew.
     """
     members = fitted.choice.candidates
-    ways = [tuple(way if c is member else c for c in members) for member in members for way in member.closer]
-    first = [
-        fit(search.subject, c, start=begun_from(fitted, c), fractions=GROWING[:1], max_iterations=BRIEF)
-        for c in (search.subject.choose(*way) for way in ways)
-    ]
-    return min((f for f in first if np.isfinite(f.chi2)), key=lambda f: f.chi2, default=None)
+    for member in members:
+        known, stated = member, set[str]()
+        if len(members) > 1 and not member.closer and member.family != SMOOTH:
+            known = next((c for c in search.subject.library.candidates if c.name == member.name), member)
+            stated = {p.name for p in known.parameters}
+        for way in known.closer:
+            begin = {p.name: p.start for p in way.parameters if p.name not in stated} if known is not member else {}
+            yield tuple(way if c is member else c for c in members), begin
 
 
 def _as_walls_come(search: Search, behind: Sequence[Fitted], drawn: Fitted, rival: Fitted) -> list[Fitted]:
@@ -83,7 +96,7 @@ def _as_walls_come(search: Search, behind: Sequence[Fitted], drawn: Fitted, riva
     nearest = min(behind, key=lambda f: (-f.fraction, f.chi2))
     search.tell(f"trying {nearest.choice.name} with what nobody states of it")
     begun = opened(search, nearest)
-    made = None if begun is None else _grown(search, begun.choice, begun.x, drawn, rival, TAKEN)
+    made = _grown(search, begun[0].choice, begun[0].x, drawn, rival, TAKEN) if begun else None
     return [made] if made is not None and np.isfinite(made.chi2) and made.fraction == 1.0 else []
 
 

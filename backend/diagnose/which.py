@@ -51,6 +51,7 @@ class Search:
         self.tried: dict[tuple[str, ...], Cause] = {}
         self.screens: dict[tuple[str, ...], Screen] = {}
         self.looked: dict[int, tuple[Fitted, Unseen | None]] = {}
+        self.opened: dict[int, Fitted] = {}  # of which what nobody states was free as well; kept, as those above are
         self.asked: set[tuple[str, ...]] = set()
         self.least: dict[float, float] = {}
         self.parts: dict[tuple[tuple[str, ...], float, float], float] = {}
