@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from backend.diagnose.cause import Cause
-from backend.diagnose.fitted import BEHIND, Fitted, log_evidence
+from backend.diagnose.fitted import BEHIND, as_noise, log_evidence
 from backend.diagnose.switched import GROWING, opened, ways
-from backend.diagnose.which import CHANCE, Search
+from backend.diagnose.which import Search
 
 RIVALS = 3  # of a set, whose walls are taken as they come, or whose shape is free, where its own are
 ALIKE = 1.05  # times what the nearest way leaves of the first of the records: which leads farther is not told by it
@@ -27,7 +25,7 @@ def closer(search: Search, cause: Cause) -> Cause:
         return cause
     made = search.fit_about(cause.fitted, begun[0].choice, begun[0].x, GROWING[1:])
     for way in begun[1:]:
-        if _as_noise(made) or way.chi2 > ALIKE * begun[0].chi2:
+        if as_noise(made) or way.chi2 > ALIKE * begun[0].chi2:
             break
         made = min(made, search.fit_about(cause.fitted, way.choice, way.x, GROWING[1:]), key=lambda f: f.chi2)
     hardly = cause.fitted.chi2 - made.chi2 < HARDLY * made.r.size
@@ -37,11 +35,6 @@ def closer(search: Search, cause: Cause) -> Cause:
     search.tried[found.names] = found
     search.opened[id(made)] = made
     return found
-
-
-def _as_noise(fitted: Fitted) -> bool:
-    """Whether no more is left than noise may leave."""
-    return fitted.chi2 < fitted.r.size + CHANCE * np.sqrt(2.0 * fitted.r.size)
 
 
 def coming_up(search: Search, leader: Cause, better: Cause, causes: Sequence[Cause]) -> list[Cause]:

@@ -24,6 +24,7 @@ GAIN = 0.1  # in log evidence, by as much of it as counts where the form is wron
 AT_BOUND = 1e-6  # of a number's natural size
 UNSETTLED = 5.0  # sd of noise
 COARSE = 0.02  # of what is left: once a step gains less, a fit is seen through unless it is far behind another
+CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 BEHIND = 4.0  # times what another leaves: so far behind it
 LARGE = 4.0  # noise variances a sample, left by a fit: beyond, first order holds for a while only
 LONGER = (4, 2)  # steps that one may stand for where a fit leaves as much
@@ -267,6 +268,12 @@ def _fit(subject, choice: Choice, x, fraction, max_iterations, cancelled, ahead,
         subject, choice, tuple(probes), end, r, J, seer.rows, precision, held, status, fraction, seer.miss(end),
         sum(w.log_width for w in seer.white),
     )  # fmt: skip
+
+
+def as_noise(fitted: Fitted, scale: float = 1.0) -> bool:
+    """Whether a fit leaves no more than noise may. scale: of all sigmas."""
+    rows = fitted.r.size
+    return fitted.chi2 < scale**2 * (rows + CHANCE * float(np.sqrt(2.0 * rows)))
 
 
 def mean_square(fitted: Fitted, fraction: float) -> float:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from backend.diagnose.cause import Cause, begun_from
-from backend.diagnose.fitted import Fitted, fit, log_evidence
+from backend.diagnose.fitted import Fitted, as_noise, fit, log_evidence
 from backend.diagnose.growing import FRACTIONS
 from backend.diagnose.screen import screen
 from backend.diagnose.switch import let_go
-from backend.diagnose.which import CHANCE, REFITS, Search
+from backend.diagnose.which import REFITS, Search
 
 SHARES = FRACTIONS[:-1]  # of the records
 ITERATIONS = 8
@@ -31,7 +31,7 @@ def onset(search: Search, scale: float) -> Onset | None:
     """
     last, reached = None, 0
     drawn = fit(search.subject, search.subject.choose(), fractions=SHARES[:1], max_iterations=ITERATIONS)
-    while _as_noise(drawn, scale):
+    while as_noise(drawn, scale):
         last, reached = drawn, reached + 1
         if reached == len(SHARES):
             break
@@ -42,7 +42,7 @@ def onset(search: Search, scale: float) -> Onset | None:
         reached += 1
         if reached == len(SHARES):
             break
-        singles = [f for f in (_longer(f, SHARES[reached]) for f in singles) if _as_noise(f, scale)]
+        singles = [f for f in (_longer(f, SHARES[reached]) for f in singles) if as_noise(f, scale)]
     return None if last is None else Onset(SHARES[reached - 1], Cause(last, log_evidence(last)))
 
 
@@ -73,10 +73,4 @@ def _enough(search: Search, drawn: Fitted, scale: float) -> list[Fitted]:
         choice = search.subject.choose(candidate)
         begin = begun_from(drawn, choice, about.guess(candidate))
         found.append(fit(search.subject, choice, start=begin, fractions=(drawn.fraction,)))
-    return [f for f in found if _as_noise(f, scale)]
-
-
-def _as_noise(fitted: Fitted, scale: float) -> bool:
-    """Whether a fit leaves no more than noise may."""
-    rows = fitted.r.size
-    return fitted.chi2 < scale**2 * (rows + CHANCE * float(np.sqrt(2.0 * rows)))
+    return [f for f in found if as_noise(f, scale)]

@@ -15,7 +15,7 @@ from backend.diagnose.cause import Cause
 from backend.diagnose.climb import Climb
 from backend.diagnose.closer import closer, coming_up
 from backend.diagnose.diagnosis import Diagnosis, Drawn
-from backend.diagnose.fitted import SHARES, mean_square
+from backend.diagnose.fitted import SHARES, as_noise, mean_square
 from backend.diagnose.heard import heard
 from backend.diagnose.judgement import CLEAR, MOST_OF_IT, Judgement, held_out
 from backend.diagnose.kept import Kept
@@ -25,7 +25,7 @@ from backend.diagnose.standards import TRIFLE
 from backend.diagnose.step_error import ORDERLY, apart, orderly, step_error, step_errors
 from backend.diagnose.subject import prepare
 from backend.diagnose.where import place_evidence
-from backend.diagnose.which import CHANCE, LEADERS, PARTNERS, REFITS, Search
+from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Search
 from backend.fit.fit_study import default_step
 from backend.mechanism.apart import set_apart
 from backend.mechanism.study import Study, driven_effects
@@ -162,8 +162,7 @@ class _Inquiry:
         if not singles:
             return singles
         leader = max(singles, key=lambda c: (c.fitted.fraction, c.log_z))
-        rows = leader.fitted.r.size
-        if leader.fitted.fraction == 1.0 and leader.fitted.chi2 < rows + CHANCE * np.sqrt(2.0 * rows):
+        if leader.fitted.fraction == 1.0 and as_noise(leader.fitted):
             return singles
         better = closer(self.search, leader)
         found = {c.names: c for c in (better, *coming_up(self.search, leader, better, singles))}

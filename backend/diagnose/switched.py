@@ -8,12 +8,12 @@ import numpy as np
 
 from backend.diagnose.candidate import Candidate
 from backend.diagnose.cause import Cause, begun_from
-from backend.diagnose.fitted import BEHIND, Fitted, fit, mean_square, start_of
+from backend.diagnose.fitted import BEHIND, CHANCE, Fitted, fit, mean_square, start_of
 from backend.diagnose.joining import SWITCHES, follows, joining
 from backend.diagnose.library import LOAD, PLAYS, SMOOTH
 from backend.diagnose.subject import Choice
 from backend.diagnose.switch import promising
-from backend.diagnose.which import CHANCE, Search
+from backend.diagnose.which import Search
 
 BRIEF = 4  # iterations of a first look
 GROWING = (0.35, 0.7, 1.0)  # of the records, over which they are

@@ -29,7 +29,6 @@ PARTNERS = 5  # refitted beside each of the best sets
 LEADERS = 3
 APART = 9.0  # squared sd below which two explanations do the same
 WIDER = 20.0  # noise variances: a fall by which a form with more numbers is worth trying at every place
-CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 Wider = Mapping[str, Sequence[Candidate]]
 
 
