@@ -64,9 +64,12 @@ class AbstractBeyondSmooth(AbstractStandards):
             return best, last
         if refused:
             self._tell(f"held-out experiments refuse {' + '.join(best.names)}")
-        best, last = self._tuned(best, last)
-        if self._settled(best, last):
-            return best, last
+        near = 0 < len(best.candidates) <= SURE and not lost
+        for step in (self.confirmed, self._tuned) if near else (self._tuned,):  # what costs least first
+            best, last = step(best, last)
+            if self._settled(best, last):
+                return best, last
+        refused = self.refused(best)
         asked = self._asked_of(best, last, refused, lost)
         motion, alone = let_go(self.baseline.fitted) if asked else {}, self._best_alone()
         for family in asked:
@@ -164,11 +167,13 @@ class AbstractBeyondSmooth(AbstractStandards):
             if search is None:
                 continue
             self.searches[id(search.subject)] = search
-            for cause in switching(search, self.baseline, family, {}, best, taken=OTHERS if pair else TAKEN):
-                for found in (cause, *(search.level([cause], PARTNERS)[:1] if pair else ())):
-                    self.search.tried[found.names] = found
-                    if self._likelier(found, best):
-                        best, last = self._judged(found, search)
+            made = switching(search, self.baseline, family, {}, best, taken=OTHERS if pair else TAKEN)
+            if pair and made:
+                made += search.level([min(made, key=search.promised)], PARTNERS)[:1]
+            for cause in made:
+                self.search.tried[cause.names] = cause
+                if self._likelier(cause, best):
+                    best, last = self._judged(cause, search)
         return best, last
 
     def _takes_its_part(self, cause: Cause) -> bool:
@@ -376,6 +381,10 @@ class AbstractBeyondSmooth(AbstractStandards):
         """The best set with members given up or exchanged, as long as that makes it more probable by what that is
         worth.
         """
+
+    @abstractmethod
+    def confirmed(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """The best set, or one that does the same on what was fitted and that held-out experiments prefer."""
 
     def _tell(self, words: str) -> None:
         self.search.tell(words)

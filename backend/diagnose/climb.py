@@ -58,6 +58,8 @@ class Climb(AbstractBeyondSmooth):
             if found is not None and not self._better(top, best, judged, found):
                 break
             best, found = top, judged
+            if depth == SURE and not self.enough(judged):
+                best, found = top, judged = self._completed(top, judged)
             if self._may_mislead(top) and not self.enough(judged):
                 best, found = top, judged = self._exchanged(top, judged)
             if depth == 1 and not self.enough(judged) and (struck := self._struck(top, judged)) is not None:
@@ -242,12 +244,7 @@ class Climb(AbstractBeyondSmooth):
         form is right, the most probable one.
         """
         if not self.enough(last):
-            known = bool(best.candidates) and self.search.tried.get(best.names) is best
-            if known and best.fitted.fraction == 1.0 and last.power < MOST_GONE * self.at_base.power:
-                wide = self.scale / np.sqrt(softness(scaled(best.fitted, self.scale)))
-                for alias in complete(self.searches[id(best.fitted.subject)], best, float(wide)):
-                    self.search.tried[alias.names] = alias
-            return self._likelier_than(best, last) if known else (best, last)
+            return self._completed(best, last)
         if len(best.candidates) == SURE and best.fitted.subject is self.search.subject and best.fitted.fraction == 1.0:
             self.search.wider(best)  # of what stands beside one that came late, as a base that shakes
         for alias in complete(self.searches[id(best.fitted.subject)], best, self.scale) if best.candidates else ():
@@ -262,6 +259,18 @@ class Climb(AbstractBeyondSmooth):
             return best, last
         self._tell(f"held-out experiments prefer {' + '.join(top.names)}")
         return self._judged(top, self.searches[id(top.fitted.subject)])
+
+    def _completed(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
+        """A set that is not enough, or the most probable one: where it leaves little, sets that promise as much about
+        its motion are fitted, for its members may each do a part of what others do.
+        """
+        if not best.candidates or self.search.tried.get(best.names) is not best:
+            return best, last
+        if best.fitted.fraction == 1.0 and last.power < MOST_GONE * self.at_base.power:
+            wide = self.scale / np.sqrt(softness(scaled(best.fitted, self.scale)))
+            for alias in complete(self.searches[id(best.fitted.subject)], best, float(wide)):
+                self.search.tried[alias.names] = alias
+        return self._likelier_than(best, last)
 
     def plain(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:
         """Of sets so large that they imitate almost anything, the smallest that leaves not much more, of what was

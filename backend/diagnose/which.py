@@ -335,6 +335,12 @@ class Search:
             self.screens[cause.names] = screen(self.subject, cause.fitted)
         return self.screens[cause.names]
 
+    def promised(self, cause: Cause) -> float:
+        """Sum of squares that the best of one more candidate would leave beside a cause, to first order."""
+        about = self.screen(cause)
+        free = (c for c in self.subject.library.candidates if is_new(c, cause) and not c.sought)
+        return cause.fitted.chi2 - max(map(about.gain, free), default=0.0)
+
     def at_full_length(self, cause: Cause) -> Cause:
         """The same set over the whole records."""
         if cause.fitted.fraction == 1.0:

@@ -63,10 +63,15 @@ def test_play_is_asked_where_what_is_enough_may_imitate_it(monkeypatch, names, g
     for c in (alone, best, play, pair):
         c.fitted.subject = subject
     climb.search = SimpleNamespace(followed=1.0, tried={alone.names: alone}, cancelled=lambda: False, subject=subject)
-    climb._search_of = lambda family: SimpleNamespace(subject=subject, level=lambda parents, refits: [pair])
+    other = cause("clearance:j1", chi2=0.95 * play.fitted.chi2)  # alone it leaves less than the right pin does
+    beside: dict[str, list[Any]] = {"clearance:j2": [pair], "clearance:j1": []}
+    climb._search_of = lambda family: SimpleNamespace(
+        subject=subject, level=lambda parents, refits: beside[parents[0].names[0]],
+        promised=lambda c: 0.9 if c is play else 1.2,
+    )  # fmt: skip
     climb._by_fit = climb._weight = lambda c: -c.fitted.chi2
     climb._judged = lambda c, search=None: (c, "judged")
-    monkeypatch.setattr(beyond_smooth, "switching", lambda *args, **kwargs: [play])
+    monkeypatch.setattr(beyond_smooth, "switching", lambda *args, **kwargs: [other, play] if len(names) > 1 else [play])
     assert climb._or_play(best, "as it was") == (
         (best, "as it was") if found is None else (climb.search.tried[found], "judged")
     )
