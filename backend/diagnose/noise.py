@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_banded
 from scipy.stats import chi2
 
+from backend.diagnose.bursts import bursts
 from backend.diagnose.memory import Memory, remembered
 from backend.fit.measured import Channel, Measured
 from backend.fit.noise import MAD_TO_SIGMA, ROUNDING, calm, quantum
@@ -105,7 +106,7 @@ def kind_of(channel: Channel) -> str:
 
 def estimate(data: Sequence[Measured]) -> Noise:
     """From all experiments of a study together."""
-    keep = tuple(good_samples(d) for d in data)
+    keep = tuple(good & ~bursts(d, good) for d in data if (good := good_samples(d)) is not None)
     sigma = [d.sigma.copy() for d in data]
     memory: dict[str, Memory] = {}
     for kind in {kind_of(c) for d in data for c in d.channels}:

@@ -10,10 +10,11 @@ from typing import Self
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from backend.effects.shapes import AbstractClock, AbstractShutter
 from backend.fit.measured import Measured, measured
+from backend.fit.noise import calm, quantum
 from backend.fit.pose import Found, find_start
 from backend.fit.prediction import Addresses, Setting, foreseen, linearised, roomy, strikes, traced_back
 from backend.fit.price import step_s
@@ -259,11 +260,7 @@ class Run:
 
         This is all that a held-out experiment may learn from itself.
         """
-        release = self.experiment.release
-        since = self.since_release_s
-        early = since <= release.window_s if self.moving else self.data.still
-        if not np.any(early):
-            early = since <= since.min()
+        early = self._early
         only_joints = all(c.coordinate == "q" for c in self.data.channels)
         if not self.start.size or (only_joints and not self.moving):
             return self.start  # nothing to find, or the static mean is already the best answer
@@ -283,6 +280,18 @@ class Run:
             lower, upper, np.ones(self.unknowns),
         )  # fmt: skip
         return solve(problem, self.start, max_iterations=12, ftol=1e-6).x
+
+    @cached_property
+    def _early(self) -> Bool[np.ndarray, " n"]:
+        """Samples of the first window, or static frames without those far off the rest of their channel."""
+        since, data = self.since_release_s, self.data
+        early = since <= self.experiment.release.window_s if self.moving else data.still.copy()
+        for c in () if self.moving else range(len(data.channels)):
+            rows = np.flatnonzero((data.channel == c) & early)
+            if rows.size:
+                away = np.abs(data.value[rows] - np.median(data.value[rows]))
+                early[rows] = calm(away, away, quantum(data.value[data.channel == c]))
+        return early if np.any(early) else since <= since.min()
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Start coordinates stay near the pose that was found; rates are free."""

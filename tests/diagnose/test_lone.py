@@ -57,3 +57,15 @@ def test_samples_that_stand_off_together_are_what_a_fit_misses(drawn):
     set_lone_aside(fitted)
     data.value[struck] -= AWAY * SIGMA
     assert keep[struck].all()
+
+
+def test_still_frames_in_which_a_marker_was_elsewhere_do_not_move_where_a_record_begins(drawn):
+    fitted, _ = drawn
+    probe = fitted.subject.chosen(fitted.subject.held_out[0], fitted.choice)
+    clean, still = probe.settle(fitted.values), np.unique(probe.data.time_s[probe.data.still])
+    tip = np.array([c.at == "marker:tip" for c in probe.data.channels])[probe.data.channel]
+    elsewhere = tip & np.isin(probe.data.time_s, still[2:6])
+    probe.data.value[elsewhere] += AWAY * SIGMA
+    again = fitted.subject.chosen(fitted.subject.held_out[0], fitted.choice).settle(fitted.values)
+    probe.data.value[elsewhere] -= AWAY * SIGMA
+    assert np.all(np.abs(again - clean) < 0.2 * SIGMA / 0.1)
