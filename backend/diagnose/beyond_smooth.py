@@ -378,9 +378,7 @@ class AbstractBeyondSmooth(AbstractStandards):
 
     @abstractmethod
     def _exchanged(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
-        """The best set with members given up or exchanged, as long as that makes it more probable by what that is
-        worth.
-        """
+        """The best set with members given up or exchanged, as long as that is worth it."""
 
     @abstractmethod
     def confirmed(self, best: Cause, last: Adequacy) -> tuple[Cause, Adequacy]:

@@ -16,9 +16,7 @@ LONGEST = 10  # frames: a longer stretch is a motion that no cubic bridges
 SIDE = 4  # frames on each side of a stretch that foretell it
 AWAY = 10.0  # widths of what a good stretch is missed by: each sample of a wild one is farther off
 EVEN = 0.3  # of its farthest sample: none of a wild stretch is nearer; where a motion turns, its ends are
-SMOOTH = (
-    0.15  # of a stretch's nearest sample: what the frames beside it stand off from the same cubic; a turn bends them
-)
+SMOOTH = 0.15  # of its nearest sample: what the frames beside a wild stretch miss the cubic by; a turn bends them
 FEW = 0.5  # of the other markers: where as many jump, the mechanism did
 
 
@@ -52,9 +50,10 @@ def jumps(time_s: Float[np.ndarray, " n"], place: Float[np.ndarray, "n axes"]) -
         within = first + SIDE + np.arange(size)
         middle = time_s[beside].mean(1, keepdims=True)
         reach = np.abs(time_s[beside] - middle).max(1, keepdims=True)
-        of = lambda rows, m=middle, r=reach: (((time_s[rows] - m) / r)[:, :, None]) ** np.arange(4)  # noqa: E731
-        cubic = np.linalg.pinv(of(beside)) @ place[beside]
-        off, rest = (np.linalg.norm(place[rows] - of(rows) @ cubic, axis=2) for rows in (within, beside))
+        here, there = (((time_s[rows] - middle) / reach)[:, :, None] ** np.arange(4) for rows in (within, beside))
+        cubic = np.linalg.pinv(there) @ place[beside]
+        off = np.linalg.norm(place[within] - here @ cubic, axis=2)
+        rest = np.linalg.norm(place[beside] - there @ cubic, axis=2)
         width = MAD_TO_SIGMA * float(np.median(off))
         nearest, farthest = off.min(1), off.max(1)
         jumped = (nearest > AWAY * width) & (nearest > EVEN * farthest) & (rest.max(1) < SMOOTH * nearest)

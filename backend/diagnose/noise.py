@@ -2,7 +2,7 @@
 
 All of it from the records themselves, before any model: static frames where there are enough of them, otherwise the
 sigma in the tables or third differences. Wrong samples are those that a cubic through their four neighbours misses, or
-at the ends of a record a parabola along the last six.
+at the ends of a record a parabola along the last six; and stretches of them (`bursts.py`).
 """
 
 from __future__ import annotations
@@ -106,7 +106,8 @@ def kind_of(channel: Channel) -> str:
 
 def estimate(data: Sequence[Measured]) -> Noise:
     """From all experiments of a study together."""
-    keep = tuple(good & ~bursts(d, good) for d in data if (good := good_samples(d)) is not None)
+    good = [good_samples(d) for d in data]
+    keep = tuple(g & ~bursts(d, g) for d, g in zip(data, good, strict=True))
     sigma = [d.sigma.copy() for d in data]
     memory: dict[str, Memory] = {}
     for kind in {kind_of(c) for d in data for c in d.channels}:
