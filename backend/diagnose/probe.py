@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from backend.diagnose.bumps import bumps
 from backend.diagnose.calibration import Misplaced
-from backend.fit.prediction import Addresses, Setting, predict
+from backend.fit.prediction import Addresses, Overrides, Setting, predict
 from backend.fit.run import Run
 from backend.simulate.record import Record
 from backend.simulate.shelf import shelved
@@ -75,7 +75,7 @@ class Probe(Run):
     the step takes from every sample, put back. misplaced: what the library's last numbers, those of the cameras, do
     to samples. lying: ways in which samples before the release may be off, by one deviation each (see `settled`).
     loose: whether pins are, so that motions take so long that a program of their own is worth compiling. at_once: how
-    many directions the compiled program takes.
+    many directions the compiled program takes. overrides: of what the library may free.
     """
 
     neutral: Float[np.ndarray, " all"] = field(default_factory=lambda: np.zeros(0))
@@ -85,6 +85,11 @@ class Probe(Run):
     lying: Float[np.ndarray, "samples ways"] | None = None
     loose: bool = False
     at_once: int = AT_ONCE
+    overrides: Overrides | None = None
+
+    def framed(self, steps: int, samples: int) -> Setting:
+        """The rollout with room for so many steps and samples, and what the experiment sets otherwise."""
+        return replace(super().framed(steps, samples), overrides=self.overrides)
 
     def choose(self, ties: Float[np.ndarray, "all few"], neutral: Float[np.ndarray, " all"] | None = None) -> Probe:
         """The same experiment with other numbers free."""

@@ -18,6 +18,7 @@ from backend.diagnose.candidate import Candidate
 from backend.diagnose.kept import Kept
 from backend.diagnose.library import PLAYS, RUBBING, Library
 from backend.diagnose.noise import Noise, estimate
+from backend.diagnose.overrides import laid_out, whole
 from backend.diagnose.probe import AT_ONCE, Probe, with_drives
 from backend.diagnose.settled import lying
 from backend.fit.free import FreeParameter
@@ -210,10 +211,14 @@ def prepare(
     neutral = np.array(library.neutral)
     turning = {j.id: j.type != "prismatic" for j in study.mechanism.joints}
 
+    given = {e.id: model.overridden(e.overrides) for e in (*study.fit, *study.held_out)}
+    overrides = laid_out(given, addresses)
+
     def probe(experiment) -> Probe:
-        given = model.overridden(experiment.overrides)
-        own = tuple(tuple(a for a in group if (a[0], a[1].partition("[")[0]) not in given) for group in addresses)
-        return Probe.of(experiment, model, own, step_s)
+        own = tuple(tuple(a for a in group if whole(a) not in given[experiment.id]) for group in addresses)
+        made = Probe.of(experiment, model, own, step_s)
+        made.addresses, made.overrides = addresses, overrides.get(experiment.id)
+        return made
 
     fit, held = [probe(e) for e in study.fit], [probe(e) for e in study.held_out]
     axes = tuple(sorted({c.coordinate[0] for p in fit for c in p.data.channels if c.coordinate in AXES}))

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from backend.effects.shapes import (
     AbstractBaseMotion,
@@ -39,12 +39,29 @@ from backend.simulate.shelf import shelved
 from backend.simulate.small import apply
 
 
+class Overrides(eqx.Module):
+    """Numbers that some experiments set otherwise, laid out alike for all of them, so that they share one compiled
+    program.
+
+    value, given: what this experiment sets, and whether it does; else the free value at `source` counts.
+    """
+
+    value: Float[Array, " n"]
+    given: Bool[Array, " n"]
+    addresses: tuple[Address, ...] = eqx.field(static=True)
+    source: tuple[int, ...] = eqx.field(static=True)
+
+    def among(self, values: Float[Array, " p"]) -> Float[Array, " n"]:
+        """What counts, of free values."""
+        return jnp.where(self.given, self.value, values[np.array(self.source, int)])
+
+
 class Setting(eqx.Module):
     """What distinguishes one experiment's motion: its model, where it starts, what drives and samples it.
 
     reference, motions: a closed pose and the free motions there; start coordinates count from it. since_release_s,
     column: when (as stated) and what is sampled, padded. turns: whole turns to add to each column, because an
-    unwrapped encoder may count them.
+    unwrapped encoder may count them. overrides: None where no number that is free is set by any experiment.
     """
 
     model: Model
@@ -55,6 +72,7 @@ class Setting(eqx.Module):
     turns: Float[Array, " columns"]
     record: Record | None
     steps: int = eqx.field(static=True)
+    overrides: Overrides | None = None
 
     @property
     def mobility(self) -> int:
@@ -74,9 +92,15 @@ def addresses_of(parameters: Sequence[FreeParameter]) -> Addresses:
     return tuple(p.addresses for p in parameters)
 
 
-def with_values(model: Model, addresses: Addresses, values: Float[Array, " p"]) -> Model:
-    """The model with free parameters set; differentiable."""
-    return model.with_numbers(values, {a: np.array([i]) for i, group in enumerate(addresses) for a in group})
+def with_values(
+    model: Model, addresses: Addresses, values: Float[Array, " p"], overrides: Overrides | None = None
+) -> Model:
+    """The model with free parameters set, but for what an experiment sets; differentiable."""
+    sources = {a: np.array([i]) for i, group in enumerate(addresses) for a in group}
+    if overrides is not None:
+        sources |= {a: np.array([len(addresses) + i]) for i, a in enumerate(overrides.addresses)}
+        values = jnp.concatenate([values, overrides.among(values)])
+    return model.with_numbers(values, sources)
 
 
 def predict(
@@ -123,7 +147,7 @@ def released(
 ) -> tuple[Model, System, Start, Record | None]:
     """What a rollout at x sets out with: model and system, where it starts, and what drives it."""
     m = setting.mobility
-    model = with_values(setting.model, addresses, x[: len(addresses)])
+    model = with_values(setting.model, addresses, x[: len(addresses)], setting.overrides)
     made = system(model)
     coordinates, rates = x[len(addresses) : len(addresses) + m], x[len(addresses) + m :]
     start = begin(setting, model, made, coordinates, rates)
