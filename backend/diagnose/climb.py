@@ -146,10 +146,13 @@ class Climb(AbstractBeyondSmooth):
 
     def _thinned(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
         """A set that is enough with a member given up, where that is more probable: the first of a pair may have been
-        needed only to lead to the other.
+        needed only to lead to the other, or make up for a shape of it that was not free.
         """
+        least, gap = best.fitted.chi2, self.baseline.fitted.chi2 - best.fitted.chi2
         for member in best.candidates:
-            self.search.without(best, member)
+            rest = self.search.without(best, member)
+            if rest.fitted.fraction == best.fitted.fraction and rest.fitted.chi2 - least < MOST_GONE * gap:
+                closer(self.search, rest)
         return self._likelier_than(best, found)
 
     def _shaped(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from backend.diagnose.adequacy import Adequacy, scaled
 from backend.diagnose.cause import Cause
-from backend.diagnose.fitted import log_evidence
+from backend.diagnose.fitted import log_evidence, mean_square
 from backend.diagnose.library import strikes
 from backend.diagnose.shrink import gap_unit
 from backend.diagnose.softness import softness
@@ -67,9 +68,21 @@ class AbstractStandards:
         return left.excess >= form(cause) ** 2 * np.clip(drawn.excess, 0.0, WIDE)
 
     def slight(self, cause: Cause, judged: Adequacy) -> bool:
-        """Whether what a cause leaves is what its form may leave of such a gap."""
-        base = min(self.at_base.power, WIDE)
-        return self.search.followed == 1.0 and judged.power < form(cause) ** 2 * base
+        """Whether what a cause leaves is what its form may leave of such a gap: where the drawing loses the motion, as
+        it does that goes on where the real one is stopped, a blow alone, and no more than what is smooth may.
+        """
+        if self.search.followed == 1.0:
+            return judged.power < form(cause) ** 2 * min(self.at_base.power, WIDE)
+        blow = form(cause) > SMALL and cause.fitted.fraction == 1.0
+        return blow and judged.power < SMALL**2 * min(self._lost, WIDE)
+
+    @cached_property
+    def _lost(self) -> float:
+        """Power that the drawing leaves of whole records though it does not follow them; 0 where it ends before they do
+        [noise variances a sample].
+        """
+        whole = mean_square(self.baseline.fitted, 1.0)
+        return whole - 1.0 if np.isfinite(whole) else 0.0
 
     def names_a_remainder(self, best: Cause, enough: bool) -> bool:
         """Whether one of its members alone leaves no more than its form may: the other then names a remainder, as it

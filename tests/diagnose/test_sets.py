@@ -143,6 +143,26 @@ def test_what_switches_on_and_is_enough_asks_for_no_third(monkeypatch):
     assert len(asked) == 2
 
 
+@pytest.mark.parametrize(("alone", "freed"), [(118.0, ["tilt"]), (400.0, [])])
+def test_what_is_nearly_enough_alone_is_asked_with_its_shape_free(monkeypatch, alone, freed):
+    climb: Any = object.__new__(Climb)
+    left = {"tilt": alone, "scale": 900.0, "scale+tilt": 100.0, "": 1100.0}
+
+    def one(names: str) -> Any:
+        made = a_set(names)
+        made.fitted.chi2 = left[names]
+        return made
+
+    climb.baseline, asked = one(""), []
+    climb.search = SimpleNamespace(
+        without=lambda cause, member: one("".join(m for m in cause.candidates if m != member))
+    )
+    monkeypatch.setattr(climb, "_likelier_than", lambda best, found: (best, found), raising=False)
+    monkeypatch.setattr(module, "closer", lambda search, cause: asked.append(*cause.names))
+    climb._thinned(one("scale+tilt"), SimpleNamespace())
+    assert asked == freed
+
+
 def a_set(names: str, fraction: float = 1.0) -> Any:
     members = tuple(names.split("+"))
     return SimpleNamespace(
