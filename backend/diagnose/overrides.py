@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection
 
 import jax.numpy as jnp
-import numpy as np
 
 from backend.fit.prediction import Addresses, Overrides
-from backend.model.model import Address
+from backend.model.model import COMPONENT, Address, Model
 
 
-def laid_out(given: Mapping[str, Mapping[Address, Any]], addresses: Addresses) -> dict[str, Overrides]:
-    """What each experiment sets of free numbers; nothing where none does. given: by experiment, whole parameters."""
-    somewhere = {address for values in given.values() for address in values}
-    known = [(i, a) for i, group in enumerate(addresses) for a in group if whole(a) in somewhere]
+def set_somewhere(given: Collection[Address], addresses: Addresses) -> list[tuple[int, Address]]:
+    """Free numbers that some experiment sets, each with its place among what is free. given: whole parameters."""
+    return [(i, a) for i, group in enumerate(addresses) for a in group if whole(a) in given]
+
+
+def laid_out(model: Model, given: Collection[Address], known: list[tuple[int, Address]]) -> Overrides | None:
+    """Those numbers in one experiment; None where no experiment sets any. model: as that experiment sets it."""
     if not known:
-        return {}
+        return None
     source, at = zip(*known, strict=True)
-    return {
-        experiment: Overrides(
-            jnp.array([_number(values, a) for a in at]), jnp.array([whole(a) in values for a in at]), at, source
-        )
-        for experiment, values in given.items()
-    }
+    table = model.parameters
+    value, here = jnp.array([table[a].value for a in at]), jnp.array([whole(a) in given for a in at])
+    return Overrides(value, here, at, source)
 
 
 def whole(address: Address) -> Address:
     """All of the parameter of which this is a component."""
-    return address[0], address[1].partition("[")[0]
-
-
-def _number(values: Mapping[Address, Any], address: Address) -> float:
-    value, component = np.ravel(values.get(whole(address), 0.0)), address[1].partition("[")[2].rstrip("]")
-    return float(value[int(component)] if component and value.size > 1 else value[0])
+    component = COMPONENT.fullmatch(address[1])
+    return address[0], component["name"] if component else address[1]

@@ -18,7 +18,7 @@ from backend.diagnose.candidate import Candidate
 from backend.diagnose.kept import Kept
 from backend.diagnose.library import PLAYS, RUBBING, Library
 from backend.diagnose.noise import Noise, estimate
-from backend.diagnose.overrides import laid_out, whole
+from backend.diagnose.overrides import laid_out, set_somewhere, whole
 from backend.diagnose.probe import AT_ONCE, Probe, with_drives
 from backend.diagnose.settled import lying
 from backend.fit.free import FreeParameter
@@ -212,12 +212,12 @@ def prepare(
     turning = {j.id: j.type != "prismatic" for j in study.mechanism.joints}
 
     given = {e.id: model.overridden(e.overrides) for e in (*study.fit, *study.held_out)}
-    overrides = laid_out(given, addresses)
+    known = set_somewhere({a for values in given.values() for a in values}, addresses)
 
     def probe(experiment) -> Probe:
         own = tuple(tuple(a for a in group if whole(a) not in given[experiment.id]) for group in addresses)
         made = Probe.of(experiment, model, own, step_s)
-        made.addresses, made.overrides = addresses, overrides.get(experiment.id)
+        made.addresses, made.overrides = addresses, laid_out(made.model, given[experiment.id].keys(), known)
         return made
 
     fit, held = [probe(e) for e in study.fit], [probe(e) for e in study.held_out]

@@ -1,6 +1,8 @@
 """Experiments that set a drawn number otherwise: one layout for all, each with its own number."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,21 +71,32 @@ def test_the_same_holds_in_other_steps(subject):
     assert float(stiffness(longer, np.asarray(subject.neutral))) == STIFF
 
 
-def test_nothing_is_set_where_no_experiment_sets_what_is_free():
-    from backend.diagnose.overrides import laid_out
+def test_nothing_is_laid_out_where_no_experiment_sets_what_is_free():
+    from backend.diagnose.overrides import laid_out, set_somewhere
 
-    assert laid_out({"e1": {("load", "force_n"): 3.0}, "e2": {}}, ((COIL,),)) == {}
+    model: Any = None  # is not looked at
+    known = set_somewhere({("load", "force_n")}, ((COIL,),))
+    assert known == []
+    assert laid_out(model, (), known) is None
 
 
-def test_a_component_is_set_from_the_whole():
+def test_components_are_set_as_the_whole_is():
     import jax.numpy as jnp
 
-    from backend.diagnose.overrides import laid_out
+    from backend.diagnose.overrides import laid_out, set_somewhere
 
-    offset = ("wrong", "offset_m")
-    groups = ((COIL,), (("wrong", "offset_m[0]"),), (("wrong", "offset_m[1]"), COIL))
+    offset = "wrong", "offset_m"
+    first, second = (("wrong", f"offset_m[{i}]") for i in range(2))
+    known = set_somewhere({offset, COIL}, ((COIL,), (first,), (second, COIL)))
+    assert [i for i, _ in known] == [0, 1, 2, 2]
+    values = {COIL: 0.7, first: 1.0, second: 2.0}
+    model: Any = SimpleNamespace(parameters={a: SimpleNamespace(value=v) for a, v in values.items()})
     free = jnp.array([5.0, 6.0, 7.0])
-    made = laid_out({"e1": {offset: [1.0, 2.0]}, "e2": {COIL: 0.7}}, groups)
-    assert made["e1"].source == (0, 1, 2, 2)
-    np.testing.assert_array_equal(made["e1"].among(free), [5.0, 1.0, 2.0, 7.0])
-    np.testing.assert_allclose(made["e2"].among(free), [0.7, 6.0, 7.0, 0.7])
+    for given, counts in (
+        ({offset}, [5.0, 1.0, 2.0, 7.0]),
+        ({COIL}, [0.7, 6.0, 7.0, 0.7]),
+        (set(), [5.0, 6.0, 7.0, 7.0]),
+    ):
+        made = laid_out(model, given, known)
+        assert made is not None
+        np.testing.assert_array_equal(made.among(free), counts)
