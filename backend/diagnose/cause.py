@@ -20,8 +20,9 @@ class Cause:
 
     fitted: Fitted
     log_z: float
-    assumed: Fitted | None = None
-    """The same with what nobody states as it is assumed where this has it free, if that leaves hardly more."""
+    otherwise: Fitted | None = None
+    """The same with what nobody states as it is assumed where this has it free, if that leaves hardly more; or free
+    where this has it as assumed."""
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from backend.diagnose.cause import Cause
-from backend.diagnose.fitted import BEHIND, as_noise, log_evidence
+from backend.diagnose.fitted import BEHIND, Fitted, as_noise, log_evidence
+from backend.diagnose.library import strikes
 from backend.diagnose.switched import GROWING, opened, ways
 from backend.diagnose.which import Search
 
@@ -18,16 +20,9 @@ def closer(search: Search, cause: Cause) -> Cause:
     """A cause with what nobody states of one of its members free as well, where that makes it likelier."""
     if search.cancelled() or id(cause.fitted) in search.opened or not any(ways(search, cause.fitted)):
         return cause
-    search.opened[id(cause.fitted)] = cause.fitted
-    search.tell(f"trying {' + '.join(cause.names)} with what nobody states of it")
-    begun = opened(search, cause.fitted)
-    if not begun:
+    made = _opened(search, cause)
+    if made is None:
         return cause
-    made = search.fit_about(cause.fitted, begun[0].choice, begun[0].x, GROWING[1:])
-    for way in begun[1:]:
-        if as_noise(made) or way.chi2 > ALIKE * begun[0].chi2:
-            break
-        made = min(made, search.fit_about(cause.fitted, way.choice, way.x, GROWING[1:]), key=lambda f: f.chi2)
     hardly = cause.fitted.chi2 - made.chi2 < HARDLY * made.r.size
     found = Cause(made, log_evidence(made), cause.fitted if hardly else None)
     if not found.log_z > cause.log_z:
@@ -35,6 +30,36 @@ def closer(search: Search, cause: Cause) -> Cause:
     search.tried[found.names] = found
     search.opened[id(made)] = made
     return found
+
+
+def allowing_for_walls(search: Search, cause: Cause) -> Cause:
+    """A cause whose walls were enough as they are assumed, beside the same with walls as they come: nobody knows which
+    they are, and a soft wall does what a larger play does.
+    """
+    as_assumed = any(c.closer for c in cause.candidates if strikes([c]))
+    if not as_assumed or search.cancelled() or id(cause.fitted) in search.opened:
+        return cause
+    made = _opened(search, cause)
+    if made is None or made.fraction < cause.fitted.fraction or not made.chi2 < cause.fitted.chi2:
+        return cause
+    return replace(cause, otherwise=made)
+
+
+def _opened(search: Search, cause: Cause) -> Fitted | None:
+    """A cause with what nobody states of one of its members free, by the way that leaves least; None where none holds
+    the motion.
+    """
+    search.opened[id(cause.fitted)] = cause.fitted
+    search.tell(f"trying {' + '.join(cause.names)} with what nobody states of it")
+    begun = opened(search, cause.fitted)
+    if not begun:
+        return None
+    made = search.fit_about(cause.fitted, begun[0].choice, begun[0].x, GROWING[1:])
+    for way in begun[1:]:
+        if as_noise(made) or way.chi2 > ALIKE * begun[0].chi2:
+            break
+        made = min(made, search.fit_about(cause.fitted, way.choice, way.x, GROWING[1:]), key=lambda f: f.chi2)
+    return made
 
 
 def coming_up(search: Search, leader: Cause, better: Cause, causes: Sequence[Cause]) -> list[Cause]:

@@ -17,12 +17,13 @@ from backend.diagnose.kept import name_of
 from backend.diagnose.library import RUBBING
 from backend.diagnose.probe import Probe
 from backend.diagnose.seer import Seer
+from backend.diagnose.settled import aside
 from backend.diagnose.subject import ALIKE, Choice, Subject
 from backend.fit.solve import LeastSquares, Solution, solve
 
 GAIN = 0.1  # in log evidence, by as much of it as counts where the form is wrong: a step that brings less is the last
 AT_BOUND = 1e-6  # of a number's natural size
-UNSETTLED = 5.0  # sd of noise
+UNSETTLED = 1e-3  # p of how far frames before the release lie aside
 COARSE = 0.02  # of what is left: once a step gains less, a fit is seen through unless it is far behind another
 CHANCE = 3.0  # sd by which noise alone may exceed its mean square
 BEHIND = 4.0  # times what another leaves: so far behind it
@@ -166,13 +167,11 @@ class Fitted:
 
     @property
     def unsettled(self) -> bool:
-        """Whether frames before the release are missed by more than those after it, and than noise lets them."""
+        """Whether frames before the release lie aside by more than noise, or what is missed after it, lets them."""
         white = Seer(self.subject, self.probes, self.fraction).white
-        still = np.concatenate([p.data.still[w.keep] for p, w in zip(self.probes, white, strict=True)])
-        if still.all() or not still.any():
-            return False
-        before, after = np.mean(self.r[still] ** 2), np.mean(self.r[~still] ** 2)
-        return bool(before > max(after, 1.0) + UNSETTLED * np.sqrt(2.0 / still.sum()))
+        still = [p.data.still[w.keep] for p, w in zip(self.probes, white, strict=True)]
+        channel = [p.data.channel[w.keep] for p, w in zip(self.probes, white, strict=True)]
+        return aside([self.r[rows] for rows in self.rows], still, channel) < UNSETTLED
 
     @property
     def rms(self) -> float:

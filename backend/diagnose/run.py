@@ -13,7 +13,7 @@ from backend.diagnose.adequacy import adequacy
 from backend.diagnose.belief import NONE, ODDS, log_prior
 from backend.diagnose.cause import Cause
 from backend.diagnose.climb import Climb
-from backend.diagnose.closer import closer, coming_up
+from backend.diagnose.closer import allowing_for_walls, closer, coming_up
 from backend.diagnose.diagnosis import Diagnosis, Drawn
 from backend.diagnose.fitted import SHARES, as_noise, mean_square
 from backend.diagnose.heard import heard
@@ -119,6 +119,9 @@ class _Inquiry:
         if not self.cancelled():
             best, last = climb.larger(*climb.switching(best, last), *pair)
         best, last = climb.confirmed(*climb.plain(best, last))
+        best = allowing_for_walls(climb.searches[id(best.fitted.subject)], best)
+        if best.candidates:
+            self.search.tried[best.names] = best
         judgement.scale = climb.scale
         return judgement.of(best, last, climb)
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from scipy.special import chdtrc
 
 from backend.fit.prediction import look
 from backend.fit.run import Run
@@ -41,3 +42,17 @@ def lying(run: Run, joints: Sequence[str]) -> Float[np.ndarray, "samples ways"]:
     column = run.data.column
     inside = run.data.still & (column < len(slope))
     return np.where(inside[:, None], slope[np.where(inside, column, 0)], 0.0)
+
+
+def aside(left: Sequence[np.ndarray], still: Sequence[np.ndarray], channel: Sequence[np.ndarray]) -> float:
+    """p of how far the frames before the release lie aside, by what is left of each experiment's samples [sigmas].
+
+    What lies aside does so all the while: of each channel the mean tells it, where the samples' own spread hides it.
+    still: which of them are before the release; 1.0 where none or all are. What is missed after it counts as noise.
+    """
+    power, ways = 0.0, 0
+    for r, held, of in zip(left, still, channel, strict=True):
+        for own in (held & (of == c) for c in np.unique(of[held])):
+            power, ways = power + r[own].sum() ** 2 / own.sum(), ways + 1
+    after = np.concatenate([r[~held] for r, held in zip(left, still, strict=True)])
+    return float(chdtrc(ways, power / max(np.mean(after**2), 1.0))) if ways and after.size else 1.0

@@ -150,8 +150,8 @@ def _deviations(cause: Cause, standing: bool, scale: float, softness: float) -> 
     fitted = cause.fitted
     own = scaled(fitted, scale / np.sqrt(softness))
     sd = deviations(fitted, scale, softness) if standing else deviations_of_noise(own)
-    if cause.assumed is not None:  # a softer wall does what a larger play does
-        there = dict(zip((p.name for p in cause.assumed.choice.parameters), cause.assumed.values, strict=True))
+    if cause.otherwise is not None:  # a softer wall does what a larger play does
+        there = dict(zip((p.name for p in cause.otherwise.choice.parameters), cause.otherwise.values, strict=True))
         names = [p.name for p in fitted.choice.parameters]
         sd = np.hypot(sd, [abs(v - there.get(n, v)) for n, v in zip(names, fitted.values, strict=True)])
     return np.hypot(sd, guesses(fitted.subject.mechanism, fitted.choice.parameters, fitted.values))

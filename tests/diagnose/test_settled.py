@@ -59,6 +59,25 @@ def test_a_loose_pin_lets_a_held_bar_lie_anywhere_in_its_plane(sagged):
     assert np.abs(stretched - ways @ np.linalg.lstsq(ways, stretched, rcond=None)[0]).max() > 1e-4
 
 
+def test_frames_that_lie_aside_all_alike_are_told_from_noise():
+    from backend.diagnose.settled import aside
+
+    rng = np.random.default_rng(0)
+    still = [np.tile([True, False], 80)] * 4
+    channel = [np.repeat([0, 1], 80)] * 4
+    noise = [[rng.standard_normal(160) for _ in still] for _ in range(200)]
+    told = np.array([aside(left, still, channel) for left in noise])
+    assert np.mean(told < 0.05) == pytest.approx(0.05, abs=0.04)
+    # Half a deviation in two experiments of four adds an eighth to the mean square, 1.6 of its own deviations.
+    off = [0.5 * h for h in still[:2]] + [np.zeros(160)] * 2
+    found = [aside([r + o for r, o in zip(left, off, strict=True)], still, channel) for left in noise]
+    assert np.mean(np.array(found) < 1e-3) > 0.9
+    assert aside([3.0 * r for r in noise[0]], still, channel) > 1e-3  # all is missed alike
+    assert (
+        aside(noise[0], [np.ones(160, bool)] * 4, channel) == aside(noise[0], [np.zeros(160, bool)] * 4, channel) == 1.0
+    )
+
+
 @pytest.mark.nightly
 def test_frames_before_the_release_may_lie_off_where_a_pin_is_loose(sagged):
     from backend.diagnose.fitted import fit, log_evidence, start_of
@@ -88,7 +107,7 @@ def test_a_play_is_as_open_as_a_softer_wall_leaves_it(monkeypatch):
     monkeypatch.setattr(verdict, "scaled", lambda made, scale: made)
     monkeypatch.setattr(verdict, "deviations_of_noise", lambda made: np.array([3e-5, 400.0]))
     monkeypatch.setattr(verdict, "guesses", lambda mechanism, parameters, values: np.zeros(2))
-    soft: Any = SimpleNamespace(fitted=fitted(play=2e-4, stiffness=3000.0), assumed=fitted(play=6e-4))
+    soft: Any = SimpleNamespace(fitted=fitted(play=2e-4, stiffness=3000.0), otherwise=fitted(play=6e-4))
     assert verdict._deviations(soft, False, 1.0, 1.0) == pytest.approx([np.hypot(3e-5, 4e-4), 400.0])
-    stiff: Any = SimpleNamespace(fitted=soft.fitted, assumed=None)
+    stiff: Any = SimpleNamespace(fitted=soft.fitted, otherwise=None)
     assert verdict._deviations(stiff, False, 1.0, 1.0) == pytest.approx([3e-5, 400.0])

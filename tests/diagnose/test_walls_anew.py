@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from backend.diagnose import closer as module
-from backend.diagnose.closer import closer
+from backend.diagnose.cause import Cause
+from backend.diagnose.closer import allowing_for_walls, closer
 from backend.diagnose.library import SMOOTH
 from backend.diagnose.switched import ways
 
@@ -71,3 +72,21 @@ def test_a_way_that_is_as_near_at_first_is_followed_to_the_end_too(monkeypatch, 
     assert closer(search, cause) is cause  # not asked again, nor what came of it
     assert closer(search, found) is found
     assert asked == followed
+
+
+@pytest.mark.parametrize(
+    ("members", "left", "allowed"),
+    [((HARD,), 90.0, True), ((HARD,), 110.0, False), ((STIFF,), 90.0, False), ((SCALE,), 90.0, False)],
+    ids=["hard", "soft ones leave more", "free already", "no walls"],
+)
+def test_walls_that_are_enough_as_assumed_are_known_beside_those_that_come(monkeypatch, members, left, allowed):
+    open_walls = SimpleNamespace(choice=None, x=None, chi2=left, r=np.zeros(ROWS), fraction=1.0)
+    monkeypatch.setattr(module, "opened", lambda search, fitted: [open_walls])
+    search: Any = SimpleNamespace(
+        cancelled=lambda: False, opened={}, tell=lambda words: None, fit_about=lambda *about: open_walls
+    )
+    fitted: Any = SimpleNamespace(choice=SimpleNamespace(candidates=members), chi2=100.0, fraction=1.0)
+    cause = Cause(fitted, -50.0)
+    found = allowing_for_walls(search, cause)
+    assert (found.fitted, found.log_z) == (cause.fitted, cause.log_z)
+    assert found.otherwise is (open_walls if allowed else None)
