@@ -1,16 +1,16 @@
 """Several folders of the withheld-effect check scored as one.
 
-python -m benchmarks.pooled_blind FOLDER [FOLDER ...] [--keep DIR]      seconds
+python -m benchmarks.pooled_blind FOLDER [FOLDER ...] [--newest N] [--keep DIR]      seconds
 
 Each FOLDER is what `linktwin blind --out FOLDER` wrote and answered, or what --keep kept of one: seal, labels and, of
-the answers, what scores are counted from, under DIR/SEED. `benchmarks/sealed` has the newest test seeds so. Labels must
-be those that were sealed.
+the answers, what scores are counted from, under DIR/SEED. `benchmarks/sealed` has the newest test seeds so. --newest:
+of the folders the last seeds that hold N studies together. Labels must be those that were sealed.
 """
 
 import argparse
 import json
 import shutil
-from itertools import chain
+from itertools import accumulate, chain
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,14 @@ def pooled(folders: list[Path]) -> Scores:
         scores=scores(own),
         baselines={name: scores(facts) for name, facts in zip(BASELINES, naive, strict=True)},
     )
+
+
+def newest(folders: list[Path], studies: int) -> list[Path]:
+    """The last seeds that hold so many studies together, all where they are fewer."""
+    last = sorted(folders, key=lambda f: json.loads((f / SEAL).read_text())["seed"], reverse=True)
+    held = accumulate(json.loads((f / SEAL).read_text())["cases"] for f in last)
+    enough = next((k for k, count in enumerate(held, 1) if count >= studies), len(last))
+    return last[:enough][::-1]
 
 
 def keep(folder: Path, into: Path) -> None:
@@ -64,12 +72,14 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path)
+    parser.add_argument("--newest", type=int, metavar="N")
     parser.add_argument("--keep", type=Path)
     asked = parser.parse_args()
-    found = pooled(asked.folders)
-    for folder in asked.folders if asked.keep else ():
+    folders = newest(asked.folders, asked.newest) if asked.newest else asked.folders
+    found = pooled(folders)
+    for folder in folders if asked.keep else ():
         keep(folder, asked.keep)
-    print(f"{len(asked.folders)} seeds, {found.cases} studies\n{found.table()}")
+    print(f"{len(folders)} seeds, {found.cases} studies\n{found.table()}")
 
 
 if __name__ == "__main__":

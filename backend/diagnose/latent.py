@@ -124,9 +124,9 @@ def _shifts(subject: Subject, fitted: Fitted, seer: Seer) -> dict[str, np.ndarra
 def warp(fitted: Fitted, seer: Seer, axes: Sequence[str], of: str | None = None) -> Float[np.ndarray, "n terms"]:
     """Shifts that depend on where in the picture a point is: cubics in its predicted place, the same at all times.
 
-    of: one marker alone (`marker:ID`).
+    of: one marker alone (`marker:ID`), about the middle of its own way: about another's all powers would be alike.
     """
-    seen = []
+    seen, whose = [], []
     for i, p in enumerate(fitted.probes):
         value = np.nan_to_num(p.predict(fitted.values, fitted.own(i))[0])  # measured places would carry their own noise
         where = {}
@@ -137,14 +137,15 @@ def warp(fitted: Fitted, seer: Seer, axes: Sequence[str], of: str | None = None)
             }
         keys = [(p.data.channels[c].at, t) for c, t in zip(p.data.channel, p.data.time_s, strict=True)]
         seen.append(np.array([[where.get((at, a, t), np.nan) for a in axes] for at, t in keys]))
-    every = np.concatenate(seen)
-    middle, reach = np.nanmean(every, 0), max(float(np.nanstd(every)), 1e-300)
+        whose.append(np.array([at == of if of else at.startswith("marker:") for at, _ in keys]))
+    every = np.concatenate(seen)[np.concatenate(whose)]
+    middle = np.nanmean(every, 0)
+    reach = max(float(np.sqrt(np.nanmean((every - middle) ** 2))), 1e-300)
     columns = []
-    for p, places, white in zip(fitted.probes, seen, seer.white, strict=True):
+    for p, places, marker, white in zip(fitted.probes, seen, whose, seer.white, strict=True):
         u = np.nan_to_num((places - middle) / reach)
         powers = [a for a in np.ndindex(*(4,) * len(axes)) if sum(a) <= 3]
         terms = np.stack([np.prod(u ** np.array(a), axis=1) for a in powers], 1)
-        marker = np.array([c.at == of if of else c.at.startswith("marker:") for c in p.data.channels])[p.data.channel]
         axis = np.array([c.coordinate for c in p.data.channels])[p.data.channel]
         columns.append(np.concatenate([white(terms * (marker & (axis == a))[:, None]) for a in axes], 1))
     made = np.concatenate(columns)

@@ -28,12 +28,14 @@ from backend.diagnose.subject import SAME, Subject
 
 CREEP = 0.05  # of the fastest speed: where a law may turn over as dry friction does
 CLOCK = 3  # powers of time by which a clock may run wrong
+CLOCKS = ("time_offset", "frame_rate_error")  # effects that are the first of these
 RIDGE = 1e-6
 SILENT = 1e-9  # of all columns together: what moves so little says nothing
 SPANS = 1e-7  # of the largest eigenvalue: what columns of unit length span
 NAMED = {0: "effort_offset", 1: "torsion_spring", 4: "viscous_friction", 6: "coulomb_friction", 8: "rotor_inertia"}
 """Effects that are one of a joint's powers: see `_forms`. Where a joint slides, what goes with its acceleration is a
 mass."""
+ASIDE = "marker_offset"  # a marker's shift that is the same everywhere, as long as its body turns little
 HATS = 10  # bumps over what a joint passes through, or over its speeds
 
 
@@ -98,7 +100,7 @@ def unknown_about(fitted: Fitted, latent: Latent, raw: Sequence[Float[np.ndarray
     order about that motion, and the unknown has to account for it. raw: responses to forces about the fit's own motion.
     """
     ways = {
-        at: [Way(L, True, few, _named(fitted.subject, at) if few else frozenset()) for few, L in laws]
+        at: [Way(L, True, few, _named(fitted.subject, at, L.shape[1]) if few else frozenset()) for few, L in laws]
         for at, laws in laws_of(fitted, raw).items()
     }
     for at, L in latent.places.items():
@@ -106,8 +108,17 @@ def unknown_about(fitted: Fitted, latent: Latent, raw: Sequence[Float[np.ndarray
     return Unknown(fitted, without_causes(fitted), {at: some for at, some in ways.items() if some})
 
 
-def _named(subject: Subject, at: str) -> frozenset[int]:
-    """Terms of a joint's powers that an effect of the library is."""
+def _named(subject: Subject, at: str, count: int) -> frozenset[int]:
+    """Terms that an effect of the library is: of a joint's powers; of the picture's `count` terms, which end with a
+    clock's powers of time; of a marker's shifts, as many, those that are the same everywhere.
+    """
+    if at == "camera":
+        held = {c.kind for c in subject.library.candidates}
+        return frozenset(count - CLOCK + power for power, kind in enumerate(CLOCKS) if kind in held)
+    if at.startswith("marker:"):
+        axes = {c.coordinate for p in subject.fit for c in p.data.channels if c.at == at}
+        aside = any(c.kind == ASIDE and at in c.places for c in subject.library.candidates)
+        return frozenset(range(0, count, count // len(axes))) if aside else frozenset()
     if not at.startswith("joint:"):
         return frozenset()
     joint, topology = at.partition(":")[2], subject.model.topology
