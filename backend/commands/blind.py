@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -20,6 +21,9 @@ def blind(
         list[str] | None,
         typer.Option(metavar="KIND", help="An effect that is neither drawn nor a candidate; may be repeated."),
     ] = None,
+    minutes: Annotated[
+        float, typer.Option(metavar="M", min=0.0, help="End each search after so long, as `diagnose` does; 0: never.")
+    ] = 40.0,
     workers: Annotated[int, typer.Option(metavar="N", min=1, help="Processes that draw and diagnose.")] = 1,
     out: Out = None,
     as_json: AsJson = False,
@@ -44,7 +48,7 @@ def blind(
                     seed,
                     cases,
                     folder,
-                    diagnosed,
+                    partial(diagnosed, minutes=minutes),
                     test=test,
                     progress=advance,
                     cancelled=stopped,

@@ -5,6 +5,7 @@ import pickle
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +78,7 @@ def searching(monkeypatch, drawn_heavy) -> list[Callable[..., None]]:
     def diagnosed(study, **options):
         for work in asked:
             work(**options)
-        return Told(parse(GapReport, {"schema_version": "1.0", **never(drawn_heavy, frozenset())}, "gap.json"))
+        return Told(parse(GapReport, {"schema_version": "1.0", **never(drawn_heavy, frozenset(), 40.0)}, "gap.json"))
 
     monkeypatch.setattr("backend.diagnose.run.diagnose_study", diagnosed)
     for name in ("gap_summary.gap_evidence", "linked.gap_pictures", "pictures.write_pictures"):
@@ -116,12 +117,27 @@ def test_a_search_whose_time_is_up_is_answered_with_what_it_found_and_can_go_on(
 
 
 def test_whoever_diagnoses_many_can_be_sent_to_other_processes():
-    assert pickle.loads(pickle.dumps(answer)) is answer
+    sent = pickle.loads(pickle.dumps(partial(answer, minutes=40.0)))
+    assert (sent.func, sent.keywords) == (answer, {"minutes": 40.0})
 
 
-def never(study: Path, without: frozenset[str]) -> dict:
+@pytest.mark.parametrize(("minutes", "ends"), [(0.0005, True), (0.0, False)])
+def test_one_of_many_diagnoses_ends_as_any_other(drawn_heavy, searching, minutes, ends):
+    found = list[bool]()
+
+    def search(cancelled, **options):
+        time.sleep(0.05)
+        found.append(cancelled())
+
+    searching.append(search)
+    assert answer(drawn_heavy, minutes=minutes)["verdict"] == "none"
+    assert found == [ends]
+
+
+def never(study: Path, without: frozenset[str], minutes: float) -> dict:
     """An answer that finds no gap anywhere."""
     assert study.is_file()
+    assert minutes == 40.0
     return {
         "verdict": "none", "sentence": "", "where": {}, "causes": [], "probability_none": 1.0,
         "probability_unknown": 0.0, "p_value": 1.0, "shrink": {}, "detectable": [],
