@@ -16,11 +16,10 @@ from backend.diagnose.recombined import recombined
 from backend.diagnose.same_motion import complete, elsewhere
 from backend.diagnose.softness import softness
 from backend.diagnose.standards import STRICT, SURE, TELLING, WORTH
-from backend.diagnose.where import place_evidence, shares
+from backend.diagnose.where import beyond_doubt, place_evidence
 from backend.diagnose.which import LEADERS, PARTNERS
 
 DEEPEST = 4  # effects in one explanation
-BEYOND_DOUBT = 0.99
 NEAR = 12.0  # log odds: sets that may still be the likelier ones by experiments that were not fitted
 NAMED = 1.0  # log odds: of sets that explain as much, by which one is named before another
 HINT = 0.1  # p of what a single cause leaves: of less it is asked whether one more effect would take that
@@ -140,9 +139,7 @@ class Climb(AbstractBeyondSmooth):
 
     def _place(self, top: Cause) -> str | None:
         """Where what a cause leaves lies beyond doubt."""
-        found = shares(place_evidence(top.fitted, self.search.latent, self.scale))
-        place = max(found, key=lambda at: found[at], default=None)
-        return place if place is not None and found[place] > BEYOND_DOUBT else None
+        return beyond_doubt(place_evidence(top.fitted, self.search.latent, self.scale))
 
     def _thinned(self, best: Cause, found: Adequacy) -> tuple[Cause, Adequacy]:
         """A set that is enough with a member given up, where that is more probable: the first of a pair may have been

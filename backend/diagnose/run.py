@@ -24,7 +24,7 @@ from backend.diagnose.screen import library_slopes
 from backend.diagnose.standards import TRIFLE
 from backend.diagnose.step_error import ORDERLY, apart, orderly, step_error, step_errors
 from backend.diagnose.subject import prepare
-from backend.diagnose.where import place_evidence
+from backend.diagnose.where import beyond_doubt, place_evidence
 from backend.diagnose.which import LEADERS, PARTNERS, REFITS, Search
 from backend.fit.fit_study import default_step
 from backend.mechanism.apart import set_apart
@@ -106,7 +106,8 @@ class _Inquiry:
             if drawn.p > UNUSUAL and drawn.whole:
                 self.search.level([baseline], REFITS, least=self.hint(scale))
                 return judgement.nothing()
-            singles = self.shaped(self.search.level([baseline], REFITS))
+            place = beyond_doubt(drawn.model_free)
+            singles = self.shaped(self.search.level([baseline], REFITS, place=place))
             if (again := self.step_about_cause(baseline, singles)) is None:
                 break
             baseline = again

@@ -25,6 +25,7 @@ LOUD = 3.0  # sd: what of a missing force is told as a stretch of time
 MOST = 8  # stretches
 TIMES = 200  # at which a trace is told
 FAINTEST = 1e-6  # of the likeliest place: what is less likely is not listed
+BEYOND_DOUBT = 0.99
 JOINTS = 2  # likeliest ones whose forces are taken as fine as the motion of the base
 Series = dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
 
@@ -42,6 +43,13 @@ def shares(log_z: Mapping[str, float]) -> dict[str, float]:
     z = np.array(list(log_z.values()))
     p = np.exp(z - z.max())
     return dict(zip(log_z, (p / p.sum()).tolist(), strict=True))
+
+
+def beyond_doubt(log_z: Mapping[str, float]) -> str | None:
+    """The place where something lies beyond doubt, by log evidence; None where several may be it."""
+    found = shares(log_z)
+    place = max(found, key=lambda at: found[at], default=None)
+    return place if place is not None and found[place] > BEYOND_DOUBT else None
 
 
 def whereabouts(unknown: Unknown, log_z: Mapping[str, float], scale: float) -> dict[str, float]:
