@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from backend.diagnose.fitted import Fitted
 from backend.diagnose.latent import Latent, left_over, neighbour_correlation, studentised
-from backend.diagnose.memory import Memory
+from backend.diagnose.memory import Memory, Series, bettered
 from backend.diagnose.noise import ENOUGH, drop, kind_of, numbered, places, strays
 from backend.diagnose.seer import Seer
 
 CALM = 1.7  # mean square of what is left: beyond it a misfit, not noise, is left
 MANY = 500  # neighbouring samples from which memory is bettered
+LITTLE = 1.2  # noise variances a sample: what the drawing leaves where nearly all of it is noise
 OPEN = 2.5  # sd of the memory that still frames tell (Bartlett 1946), by which it may be bettered
 
 
@@ -28,7 +31,8 @@ def remember(fitted: Fitted, latent: Latent) -> bool:
     memory = fitted.subject.noise.memory
     for kind in kinds:
         known = memory.get(kind, Memory())
-        if known.share < 1.0:  # still frames told more than neighbours do
+        if known.share < 1.0:  # neighbours tell less than series do
+            changed = (fitted.chi2 < LITTLE * fitted.r.size and _bettered(fitted, kind, known)) or changed
             continue
         follows, still = np.zeros(fitted.r.size, bool), 0
         for p, white, rows in zip(fitted.probes, seer.white, seer.rows, strict=True):
@@ -46,6 +50,51 @@ def remember(fitted: Fitted, latent: Latent) -> bool:
             memory[kind] = Memory(float(np.clip(known.coefficient + np.clip(more, -open_, open_), 0.0, 0.97)))
             changed = True
     return changed
+
+
+def _bettered(fitted: Fitted, kind: str, known: Memory) -> bool:
+    """Better a memory beside a white part, and the sd that still frames have by it: a few frames about a mean of their
+    own tell nothing slow, in which every gap lies.
+    """
+    subject, still, every = fitted.subject, _Off([], []), _Off([], [])
+    for i, p in enumerate(fitted.probes):
+        off = p.data.value - p.predict(fitted.values, fitted.own(i))[0]
+        good = subject.noise.keep[i] & np.isfinite(off)
+        for c in (c for c, channel in enumerate(p.data.channels) if kind_of(channel) == kind):
+            for which, rows in ((every, good), (still, good & p.data.still)):
+                which.add(off, p.data.time_s, np.flatnonzero(rows & (p.data.channel == c)))
+    if still.size < ENOUGH:
+        return False
+    short, long = Series.of(*still), Series.of(*every)
+    found = bettered(known, short, long, 0.5 * OPEN**2)
+    if found == known:
+        return False
+    subject.noise.memory[kind] = found
+    wider = short.sd(found) / short.sd(known)
+    for p, sigma in zip(
+        (*subject.fit, *subject.held_out), (*subject.noise.sigma, *subject.held_noise.sigma), strict=True
+    ):
+        own = np.array([kind_of(c) == kind and c.noise != "given" for c in p.data.channels])[p.data.channel]
+        sigma[own] *= wider
+    return True
+
+
+class _Off(NamedTuple):
+    """What is missed of each channel in each experiment, and when, in its sampling intervals."""
+
+    series: list[np.ndarray]
+    intervals: list[np.ndarray]
+
+    def add(self, off: np.ndarray, time_s: np.ndarray, rows: np.ndarray) -> None:
+        """Of one channel, where it has three samples."""
+        if rows.size > 2:
+            self.series.append(off[rows])
+            self.intervals.append(time_s[rows] / np.median(np.diff(time_s[rows])))
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return sum(s.size for s in self.series)
 
 
 def set_aside(fitted: Fitted, latent: Latent) -> bool:

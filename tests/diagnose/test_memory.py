@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from backend.diagnose import noise_learnt
-from backend.diagnose.memory import Memory, remembered
+from backend.diagnose.memory import Memory, Series, bettered, remembered
 from backend.diagnose.noise import Noise
 from tests.diagnose.test_noise import record
 
@@ -53,6 +53,73 @@ def test_noise_of_one_kind_gets_no_second_part(coefficient):
 
 def test_still_frames_that_repeat_remember_nothing():
     assert not remembered([np.zeros(40)] * 3, [np.arange(40.0)] * 3, 0.0)
+
+
+def series(rng, memory: Memory, count: int, samples: int) -> Series:
+    return Series.of(noise(rng, memory, count, samples), [np.arange(float(samples))] * count)
+
+
+def slow_power(memory: Memory) -> float:
+    """Of noise of unit sd, far slower than its memory."""
+    return 1.0 - memory.share + memory.share * (1.0 + memory.coefficient) / (1.0 - memory.coefficient)
+
+
+def test_long_records_tell_of_slow_noise_what_a_few_still_frames_leave_open():
+    rng, true = np.random.default_rng(4), Memory(0.8, 0.7)
+    before, after = [], []
+    for _ in range(12):
+        short, long = series(rng, true, 60, 20), series(rng, true, 60, 200)
+        known = remembered([*short.groups[0][1].T], [np.arange(20.0)] * 60, 0.6)
+        before.append(short.sd(known) ** 2 * slow_power(known))
+        found = bettered(known, short, long, 3.0)
+        after.append(short.sd(found) ** 2 * slow_power(found))
+    off = lambda told: float(np.sqrt(np.mean(np.log(np.array(told) / slow_power(true)) ** 2)))  # noqa: E731
+    assert off(after) < 0.15
+    assert off(after) < 0.5 * off(before)
+
+
+def test_what_long_records_hold_besides_noise_moves_its_memory_no_farther_than_still_frames_leave_it_open():
+    rng, true, missed = np.random.default_rng(5), Memory(0.6, 0.5), Memory(0.97, 0.9)
+    short, long = series(rng, true, 60, 20), series(rng, missed, 60, 200)
+    found = bettered(true, short, long, 3.0)
+    assert found.coefficient > true.coefficient
+    assert short.surprise(found) < short.surprise(true) + 3.1
+    assert short.surprise(missed) > short.surprise(true) + 30.0
+
+
+@pytest.mark.parametrize(("left", "betters"), [(1.05, True), (1.5, False)], ids=["noise", "a gap"])
+def test_a_memory_beside_a_white_part_is_bettered_where_nearly_all_that_is_left_is_noise(monkeypatch, left, betters):
+    rng, true, known = np.random.default_rng(6), Memory(0.8, 0.7), Memory(0.6, 0.6)
+    values = noise(rng, true, 40, 200)
+    channels = [SimpleNamespace(at=f"marker:m{k}", unit="m", noise="estimated") for k in range(20)]
+    channels[3] = SimpleNamespace(at="marker:m3", unit="m", noise="given")
+    runs = []
+    for one in (values[:20], values[20:]):
+        data = SimpleNamespace(
+            channels=channels, channel=np.repeat(np.arange(20), 200), time_s=np.tile(np.arange(200) / 100.0, 20),
+            value=np.concatenate(one), still=np.tile(np.arange(200) < 30, 20),
+        )  # fmt: skip
+        runs.append(SimpleNamespace(data=data, predict=lambda values, own: (np.full(4000, 7.0),)))
+    sigma, held = ([np.full(4000, 0.8)] * 2, [np.full(4000, 0.8)])
+    keep = [np.ones(4000, bool)] * 2
+    subject = SimpleNamespace(
+        noise=SimpleNamespace(memory={"marker": known}, sigma=[s.copy() for s in sigma], keep=keep),
+        held_noise=SimpleNamespace(sigma=[s.copy() for s in held]), fit=runs, held_out=runs[:1],
+    )  # fmt: skip
+    fitted: Any = SimpleNamespace(
+        subject=subject, probes=runs, fraction=1.0, r=np.zeros(8000), chi2=left * 8000, values=None, own=lambda i: None
+    )
+    monkeypatch.setattr(noise_learnt, "Seer", lambda *asked: SimpleNamespace(white=[], rows=[]))
+    monkeypatch.setattr(noise_learnt, "left_over", lambda fitted, latent: np.ones(8000))
+    latent: Any = None
+    assert noise_learnt.remember(fitted, latent) == betters
+    if betters:
+        assert subject.noise.memory["marker"].coefficient == pytest.approx(true.coefficient, abs=0.06)
+    for one in (*subject.noise.sigma, *subject.held_noise.sigma):
+        told = np.repeat(np.arange(20), 200) == 3
+        assert np.all(one[told] == 0.8)
+        assert np.all(one[~told] == one[0])
+        assert (one[0] > 0.8) == betters
 
 
 def test_whitening_is_that_of_the_whole_covariance_across_gaps():
