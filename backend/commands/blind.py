@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from backend.commands.terminal import AsJson, Failed, Out, answering, folder_for, progress, stoppable
+from backend.commands.terminal import MINUTES, AsJson, Failed, Out, answering, folder_for, progress, stoppable
 
 
 def blind(
@@ -23,7 +23,7 @@ def blind(
     ] = None,
     minutes: Annotated[
         float, typer.Option(metavar="M", min=0.0, help="End each search after so long, as `diagnose` does; 0: never.")
-    ] = 40.0,
+    ] = MINUTES,
     workers: Annotated[int, typer.Option(metavar="N", min=1, help="Processes that draw and diagnose.")] = 1,
     out: Out = None,
     as_json: AsJson = False,

@@ -9,6 +9,7 @@ import typer
 
 from backend.commands.remote import Key, Server, done_there
 from backend.commands.terminal import (
+    MINUTES,
     AsJson,
     Failed,
     Limited,
@@ -38,7 +39,7 @@ def diagnose(
     ] = None,
     minutes: Annotated[
         float, typer.Option(metavar="M", min=0.0, help="End the search after so long, weigh what it found; 0: never.")
-    ] = 40.0,
+    ] = MINUTES,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the search that was cut off in --out.")] = False,
     server: Server = None,
     key: Key = None,

@@ -20,6 +20,7 @@ import typer
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 UNHEARD = 141  # how shells tell of a program whose reader went away: 128 and the number of SIGPIPE
 LINE_EVERY_S = 30.0
+MINUTES = 40.0  # after which a search ends unless told
 SEARCHING = 0.9  # of work whose search is limited: the rest is weighing
 
 Out = Annotated[Path | None, typer.Option(help="Folder for what the command writes.", file_okay=False)]

@@ -20,7 +20,7 @@ def closer(search: Search, cause: Cause) -> Cause:
     """A cause with what nobody states of one of its members free as well, where that makes it likelier."""
     if search.cancelled() or id(cause.fitted) in search.opened or not any(ways(search, cause.fitted)):
         return cause
-    made = _opened(search, cause)
+    made = _best_way(search, cause)
     if made is None:
         return cause
     hardly = cause.fitted.chi2 - made.chi2 < HARDLY * made.r.size
@@ -39,13 +39,13 @@ def allowing_for_walls(search: Search, cause: Cause) -> Cause:
     as_assumed = any(c.closer for c in cause.candidates if strikes([c]))
     if not as_assumed or search.cancelled() or id(cause.fitted) in search.opened:
         return cause
-    made = _opened(search, cause)
+    made = _best_way(search, cause)
     if made is None or made.fraction < cause.fitted.fraction or not made.chi2 < cause.fitted.chi2:
         return cause
     return replace(cause, otherwise=made)
 
 
-def _opened(search: Search, cause: Cause) -> Fitted | None:
+def _best_way(search: Search, cause: Cause) -> Fitted | None:
     """A cause with what nobody states of one of its members free, by the way that leaves least; None where none holds
     the motion.
     """

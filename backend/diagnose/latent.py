@@ -139,8 +139,9 @@ def warp(fitted: Fitted, seer: Seer, axes: Sequence[str], of: str | None = None)
         seen.append(np.array([[where.get((at, a, t), np.nan) for a in axes] for at, t in keys]))
         whose.append(np.array([at == of if of else at.startswith("marker:") for at, _ in keys]))
     every = np.concatenate(seen)[np.concatenate(whose)]
-    middle = np.nanmean(every, 0)
-    reach = max(float(np.sqrt(np.nanmean((every - middle) ** 2))), 1e-300)
+    count = np.maximum(np.isfinite(every).sum(0), 1)  # a marker need not be measured along every axis
+    middle = np.nansum(every, 0) / count
+    reach = max(float(np.sqrt(np.nansum((every - middle) ** 2) / count.sum())), 1e-300)
     columns = []
     for p, places, marker, white in zip(fitted.probes, seen, whose, seer.white, strict=True):
         u = np.nan_to_num((places - middle) / reach)

@@ -118,7 +118,7 @@ def _named(subject: Subject, at: str, count: int) -> frozenset[int]:
     if at.startswith("marker:"):
         axes = {c.coordinate for p in subject.fit for c in p.data.channels if c.at == at}
         aside = any(c.kind == ASIDE and at in c.places for c in subject.library.candidates)
-        return frozenset(range(0, count, count // len(axes))) if aside else frozenset()
+        return frozenset(range(0, count, max(count // len(axes), 1))) if aside else frozenset()
     if not at.startswith("joint:"):
         return frozenset()
     joint, topology = at.partition(":")[2], subject.model.topology

@@ -91,3 +91,14 @@ def test_shifts_by_a_markers_place_differ_along_its_own_way():
     unit = made / np.linalg.norm(made, axis=0)
     assert np.abs(unit[:, 0] @ unit[:, 1:]).max() < 0.9  # squares are never negative
     assert np.abs(unit[:, 0] @ unit[:, [1, 4]]).max() < 0.1
+
+
+def test_a_marker_that_was_measured_along_one_axis_shifts_along_that_alone():
+    time = np.linspace(0.0, 1.0, 50)
+    channels = [SimpleNamespace(at=at, coordinate=axis) for at, axis in
+                (("marker:a", "x_m"), ("marker:b", "x_m"), ("marker:b", "z_m"))]  # fmt: skip
+    data = SimpleNamespace(channels=channels, channel=np.repeat(np.arange(3), 50), time_s=np.tile(time, 3))
+    probe = SimpleNamespace(data=data, predict=lambda values, own: (np.tile(np.sin(time), 3),))
+    fitted: Any = SimpleNamespace(probes=[probe], values=None, own=lambda run: None)
+    seer: Any = SimpleNamespace(white=[lambda column: column])
+    assert warp(fitted, seer, ("x_m", "z_m"), "marker:a").shape == (150, 4)  # a cubic, and no warning
